@@ -1,1 +1,20 @@
-//! keyhole-tetmesh.
+//! The paper's whiteboard: the shared state of the simulator, and nothing else.
+//!
+//! An organ is an entity. Each thing has one writer (see the doc of each type); everybody may read. What many must react to in order is
+//! a message; what is a rare event of one entity is an entity event with observers.
+
+pub mod attachment;
+pub mod control;
+pub mod cutting;
+pub mod instrument;
+pub mod organ;
+pub mod scene;
+pub mod tick;
+
+pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
+pub use control::{SimulationControl, ViewMode};
+pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
+pub use instrument::{Blade, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Port};
+pub use organ::{Anatomy, FragmentDetached, FreedFrom, Organ, OrganMaterial, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
+pub use scene::{Gravity, SceneRequirements};
+pub use tick::{Stage, TickCost, TickSystems, WhiteboardPlugin};

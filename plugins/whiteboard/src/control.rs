@@ -1,0 +1,26 @@
+//! Pause, step, reset, and which view is shown.
+
+use bevy_ecs::prelude::*;
+
+/// What the trainee asked of the simulation. Written by the HUD and the command line; reset is carried out by the app.
+#[derive(Resource, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SimulationControl {
+    /// No tick runs while paused.
+    pub paused: bool,
+    /// Ticks to run although paused.
+    pub steps: u32,
+    /// Start the scene over.
+    pub reset: bool,
+    /// Whether the scene's demonstration drives the instruments instead of the trainee.
+    pub demonstration: bool,
+}
+
+/// Which view is shown. Written by view.
+#[derive(Resource, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum ViewMode {
+    /// The whole theatre from outside.
+    #[default]
+    Global,
+    /// Through the endoscope.
+    Laparoscopic,
+}

@@ -1,0 +1,90 @@
+//! Instruments and the endoscope. All written by instruments, but for what the scene spawns.
+//!
+//! The frame of an instrument: origin at the tip's pivot (where the jaws meet the shaft), -Z along the shaft towards what is worked on,
+//! +Z back to the handle, Y up when the roll is zero.
+
+use bevy_ecs::prelude::*;
+use bevy_math::{Isometry3d, Vec3};
+
+/// A trocar: the point that the shaft always passes through.
+#[derive(Component, Clone, Copy, Debug, PartialEq)]
+pub struct Port {
+    /// The pivot in the world, m.
+    pub position: Vec3,
+    /// Unit vector from the pivot into the body: yaw and pitch zero.
+    pub inward: Vec3,
+}
+
+/// Which hand an instrument is in.
+#[derive(Component, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Hand {
+    /// The trainee's left hand.
+    Left,
+    /// The trainee's right hand.
+    Right,
+}
+
+/// What an instrument is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum InstrumentKind {
+    /// Two jaws with blunt pads.
+    Grasper,
+    /// Two blades that cut as they close.
+    Scissors,
+    /// A hook that cuts along its edge while it is active.
+    Hook,
+}
+
+/// An instrument. Written by the scene.
+#[derive(Component, Clone, Debug, PartialEq)]
+#[require(InstrumentPose, Jaws)]
+pub struct Instrument {
+    /// What it is.
+    pub kind: InstrumentKind,
+    /// Name for the HUD.
+    pub name: String,
+    /// Length of the shaft from the pivot of the jaws to the handle, m.
+    pub shaft_length_m: f32,
+    /// Radius of the shaft, m.
+    pub shaft_radius_m: f32,
+}
+
+/// Where an instrument is, now and one tick ago.
+#[derive(Component, Clone, Copy, Debug, Default, PartialEq)]
+pub struct InstrumentPose {
+    /// Frame of the instrument in the world.
+    pub now: Isometry3d,
+    /// The same at the tick before.
+    pub before: Isometry3d,
+}
+
+/// How far the jaws are open.
+#[derive(Component, Clone, Copy, Debug, Default, PartialEq)]
+pub struct Jaws {
+    /// Angle of each jaw from the shaft's axis, rad.
+    pub angle_rad: f32,
+}
+
+/// The cutting line of an instrument.
+#[derive(Component, Clone, Copy, Debug, PartialEq)]
+pub struct Blade {
+    /// End towards the tissue, in the frame of the instrument, m.
+    pub tip: Vec3,
+    /// The other end, m.
+    pub heel: Vec3,
+    /// Whether it cuts now.
+    pub active: bool,
+}
+
+/// The endoscope: moved by mouse, in a port of its own.
+#[derive(Component, Clone, Copy, Debug, PartialEq)]
+pub struct Endoscope {
+    /// Frame of the shaft in the world: origin at the tip, -Z along the shaft.
+    pub pose: Isometry3d,
+    /// Angle between the shaft's axis and the direction of view, rad.
+    pub direction_of_view_rad: f32,
+    /// Angle of view across the round picture, rad.
+    pub angle_of_view_rad: f32,
+    /// Rotation of the scope about its shaft against the camera head, rad: orbits the view and keeps the horizon.
+    pub roll_rad: f32,
+}

@@ -1,0 +1,45 @@
+//! What a scene requires, and the laws of its world.
+
+use bevy_ecs::prelude::*;
+use bevy_math::Vec3;
+
+/// Gravity, m/s2. Written by the scene.
+#[derive(Resource, Clone, Copy, Debug, PartialEq)]
+pub struct Gravity(pub Vec3);
+
+impl Default for Gravity {
+    fn default() -> Self {
+        Self(Vec3::new(0.0, -9.81, 0.0))
+    }
+}
+
+/// Which modules the scene needs: a module that is not required does not run and allocates nothing. Written by the scene.
+#[derive(Resource, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SceneRequirements {
+    /// There is an organ.
+    pub tissue: bool,
+    /// There is an instrument with a blade, and an organ.
+    pub cutting: bool,
+    /// There is an instrument.
+    pub instruments: bool,
+}
+
+impl SceneRequirements {
+    /// Run condition of tissue.
+    #[must_use]
+    pub fn tissue(requirements: Res<Self>) -> bool {
+        requirements.tissue
+    }
+
+    /// Run condition of cutting.
+    #[must_use]
+    pub fn cutting(requirements: Res<Self>) -> bool {
+        requirements.cutting
+    }
+
+    /// Run condition of instruments.
+    #[must_use]
+    pub fn instruments(requirements: Res<Self>) -> bool {
+        requirements.instruments
+    }
+}
