@@ -24,3 +24,14 @@ pub enum ViewMode {
     /// Through the endoscope.
     Laparoscopic,
 }
+
+/// Every key and what it does, for the HUD to list. Each room pushes its own while its plugin is built.
+#[derive(Resource, Clone, Debug, Default, PartialEq, Eq)]
+pub struct KeyMap(pub Vec<(String, String)>);
+
+impl KeyMap {
+    /// Adds keys with what they do.
+    pub fn push_all(&mut self, keys: &[(&str, &str)]) {
+        self.0.extend(keys.iter().map(|(key, what)| ((*key).to_owned(), (*what).to_owned())));
+    }
+}

@@ -4,7 +4,7 @@
 //! +Z back to the handle, Y up when the roll is zero.
 
 use bevy_ecs::prelude::*;
-use bevy_math::{Isometry3d, Vec3};
+use bevy_math::{Isometry3d, Quat, Vec3};
 
 /// A trocar: the point that the shaft always passes through.
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
@@ -81,10 +81,74 @@ pub struct Blade {
 pub struct Endoscope {
     /// Frame of the shaft in the world: origin at the tip, -Z along the shaft.
     pub pose: Isometry3d,
-    /// Angle between the shaft's axis and the direction of view, rad.
+    /// Angle between the shaft's axis and the direction of view, rad: towards -Y of the frame (down) while `roll_rad` is zero.
     pub direction_of_view_rad: f32,
     /// Angle of view across the round picture, rad.
     pub angle_of_view_rad: f32,
     /// Rotation of the scope about its shaft against the camera head, rad: orbits the view and keeps the horizon.
     pub roll_rad: f32,
+}
+
+/// A triangle mesh as plain data, in the frame of an instrument, m.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PartMesh {
+    /// Vertices, m.
+    pub vertices: Vec<[f32; 3]>,
+    /// Unit normals, one a vertex, outward.
+    pub normals: Vec<[f32; 3]>,
+    /// Triangles, three indices each, counter-clockwise as seen from outside.
+    pub indices: Vec<u32>,
+}
+
+/// How a part moves in the frame of its instrument.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Joint {
+    /// Not at all.
+    #[default]
+    Fixed,
+    /// Turns about an axis by `factor` times [`Jaws::angle_rad`], right-handed; the mesh is that of closed jaws.
+    Hinge {
+        /// A point of the axis, m.
+        pivot: Vec3,
+        /// Unit vector along the axis.
+        axis: Vec3,
+        /// Angle of the part per angle of the jaws.
+        factor: f32,
+    },
+}
+
+impl Joint {
+    /// Where the joint puts its part, in the frame of the instrument, at this angle of the jaws (rad).
+    #[must_use]
+    pub fn at(self, angle_rad: f32) -> Isometry3d {
+        match self {
+            Self::Fixed => Isometry3d::IDENTITY,
+            Self::Hinge { pivot, axis, factor } => {
+                let turn = Quat::from_axis_angle(axis, factor * angle_rad);
+                Isometry3d::new(pivot - turn * pivot, turn)
+            }
+        }
+    }
+}
+
+/// A rigid part of a tool.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ToolPart {
+    /// `shaft`, `jaw_left`, `blade`...
+    pub name: &'static str,
+    /// Its surface, in the frame of the instrument with closed jaws.
+    pub mesh: PartMesh,
+    /// How it moves.
+    pub joint: Joint,
+    /// Linear RGB.
+    pub colour: [f32; 3],
+    /// 0 for plastic and ceramics, 1 for bare metal.
+    pub metallic: f32,
+}
+
+/// What an instrument looks like, part by part. Written by instruments once the instrument is there.
+#[derive(Component, Clone, Debug, Default, PartialEq)]
+pub struct ToolModel {
+    /// The parts.
+    pub parts: Vec<ToolPart>,
 }

@@ -12,9 +12,11 @@ pub mod scene;
 pub mod tick;
 
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
-pub use control::{SimulationControl, ViewMode};
+pub use control::{KeyMap, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
-pub use instrument::{Blade, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Port};
+pub use instrument::{
+    Blade, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, PartMesh, Port, ToolModel, ToolPart,
+};
 pub use organ::{Anatomy, FragmentDetached, FreedFrom, Organ, OrganMaterial, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
 pub use scene::{Gravity, SceneRequirements};
 pub use tick::{Stage, TickCost, TickSystems, WhiteboardPlugin};
