@@ -1,0 +1,283 @@
+//! Glue: gathers the trainee's input at frame rate, and each tick moves every instrument and the endoscope.
+
+use crate::hands::{HandInput, HandSettings, KEYS, Moved, hand_tick, scope_tick};
+use crate::kinematics::{PortFrame, TrocarLimits, TrocarState};
+use crate::script::{Script, ScriptClock};
+use crate::tools;
+use bevy_app::prelude::*;
+use bevy_ecs::prelude::*;
+use bevy_input::ButtonInput;
+use bevy_input::keyboard::KeyCode;
+use bevy_input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseButton, MouseScrollUnit};
+use bevy_math::Vec2;
+use bevy_time::{Fixed, Time};
+use keyhole_whiteboard::{
+    Blade, Endoscope, Hand, Instrument, InstrumentPose, Jaws, KeyMap, Port, SceneRequirements, SimulationControl, TickSystems,
+};
+
+/// Pixels of a touchpad's scroll that count as one notch of a wheel.
+const PIXELS_PER_NOTCH: f32 = 40.0;
+
+/// Moves the instruments. An instrument is an entity with `Instrument`, `Hand`, `Port` and [`TrocarState`]; the endoscope one with
+/// `Endoscope`, `Port` and [`TrocarState`].
+pub struct InstrumentsPlugin;
+
+impl Plugin for InstrumentsPlugin {
+    fn build(&self, app: &mut App) {
+        app.init_resource::<HandInput>()
+            .init_resource::<HandSettings>()
+            .init_resource::<Script>()
+            .init_resource::<ScriptClock>()
+            .register_required_components::<TrocarState, TrocarLimits>()
+            .add_observer(equip)
+            .add_systems(RunFixedMainLoop, gather_input.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop))
+            .add_systems(
+                FixedUpdate,
+                (
+                    (drop_input, advance_clock, perform_hands, perform_view).chain().run_if(performing),
+                    (move_active_hand, move_endoscope).chain().run_if(not(performing)),
+                    publish_instruments,
+                    publish_endoscope,
+                )
+                    .chain()
+                    .in_set(TickSystems::Sense)
+                    .run_if(SceneRequirements::instruments),
+            );
+        app.world_mut().get_resource_or_init::<KeyMap>().push_all(KEYS);
+    }
+}
+
+fn performing(control: Res<SimulationControl>) -> bool {
+    control.demonstration
+}
+
+/// Gives a new instrument its blade, unless the scene gave one, and its model.
+fn equip(added: On<Add, Instrument>, instruments: Query<(&Instrument, Option<&Blade>)>, mut commands: Commands) {
+    let Ok((instrument, given)) = instruments.get(added.entity) else { return };
+    let blade = given.copied().or_else(|| tools::blade(instrument.kind, None));
+    let model = tools::tool_model(instrument.kind, instrument.shaft_length_m, instrument.shaft_radius_m, blade.as_ref());
+    let mut entity = commands.entity(added.entity);
+    entity.insert_if_new(model);
+    if let Some(blade) = blade {
+        entity.insert_if_new(blade);
+    }
+}
+
+/// The devices may be missing: a headless run has none.
+fn gather_input(
+    mut input: ResMut<HandInput>,
+    keys: Option<Res<ButtonInput<KeyCode>>>,
+    buttons: Option<Res<ButtonInput<MouseButton>>>,
+    motion: Option<Res<AccumulatedMouseMotion>>,
+    scroll: Option<Res<AccumulatedMouseScroll>>,
+) {
+    let key = |k: KeyCode| keys.as_ref().is_some_and(|keys| keys.pressed(k));
+    let button = |b: MouseButton| buttons.as_ref().is_some_and(|buttons| buttons.pressed(b));
+    if keys.as_ref().is_some_and(|keys| keys.just_pressed(KeyCode::Tab)) {
+        input.switch_hand();
+    }
+    input.moved = match (key(KeyCode::KeyC) || button(MouseButton::Right), key(KeyCode::ShiftLeft) || key(KeyCode::ShiftRight)) {
+        (false, _) => Moved::Hand,
+        (true, false) => Moved::Endoscope,
+        (true, true) => Moved::EndoscopeRoll,
+    };
+    input.roll = f32::from(u8::from(key(KeyCode::KeyE))) - f32::from(u8::from(key(KeyCode::KeyQ)));
+    input.squeezed = button(MouseButton::Left);
+    // The window's y points down.
+    let motion = motion.map_or(Vec2::ZERO, |m| Vec2::new(m.delta.x, -m.delta.y));
+    let notches = scroll.map_or(0.0, |s| match s.unit {
+        MouseScrollUnit::Line => s.delta.y,
+        MouseScrollUnit::Pixel => s.delta.y / PIXELS_PER_NOTCH,
+    });
+    input.gather(motion, notches);
+}
+
+/// What the trainee did while the demonstration ran must not move anything once it is over.
+fn drop_input(mut input: ResMut<HandInput>) {
+    let _ = input.take();
+}
+
+fn advance_clock(mut clock: ResMut<ScriptClock>, script: Res<Script>, time: Res<Time<Fixed>>) {
+    clock.end_s = script.end_s();
+    clock.advance(time.timestep().as_secs_f64());
+}
+
+fn perform_hands(
+    script: Res<Script>,
+    clock: Res<ScriptClock>,
+    mut instruments: Query<(&Instrument, &Hand, &Port, &TrocarLimits, Option<&Blade>, &mut TrocarState)>,
+) {
+    for (instrument, hand, port, limits, blade, mut state) in &mut instruments {
+        let Some(key) = script.hand(*hand, clock.time_s) else { continue };
+        let reach = tools::working_reach(instrument.kind, blade);
+        let told = TrocarState { roll_rad: key.roll_rad, grip: key.grip, pedal: key.active, ..*state };
+        if let Some(wanted) = PortFrame::of(port).reach(key.tip, reach, &told) {
+            *state = limits.clamp(wanted);
+        }
+    }
+}
+
+fn perform_view(
+    script: Res<Script>,
+    clock: Res<ScriptClock>,
+    mut endoscopes: Query<(&Endoscope, &Port, &TrocarLimits, &mut TrocarState), Without<Instrument>>,
+) {
+    let Some(key) = script.view(clock.time_s) else { return };
+    for (endoscope, port, limits, mut state) in &mut endoscopes {
+        let tilt = endoscope.direction_of_view_rad;
+        if let Some(wanted) = PortFrame::of(port).look_at(key.target, key.distance_m, tilt, &state) {
+            *state = limits.clamp(wanted);
+        }
+    }
+}
+
+fn move_active_hand(
+    input: Res<HandInput>,
+    settings: Res<HandSettings>,
+    time: Res<Time<Fixed>>,
+    mut instruments: Query<(&Instrument, &Hand, &TrocarLimits, &mut TrocarState)>,
+) {
+    let dt_s = time.timestep().as_secs_f32();
+    for (instrument, hand, limits, mut state) in &mut instruments {
+        if *hand == input.active {
+            *state = hand_tick(*state, &input, &settings, limits, instrument.shaft_length_m, dt_s);
+        }
+    }
+}
+
+fn move_endoscope(
+    mut input: ResMut<HandInput>,
+    settings: Res<HandSettings>,
+    mut endoscopes: Query<(&TrocarLimits, &mut TrocarState), (With<Endoscope>, Without<Instrument>)>,
+) {
+    let taken = input.take();
+    for (limits, mut state) in &mut endoscopes {
+        *state = scope_tick(*state, &taken, &settings, limits);
+    }
+}
+
+fn publish_instruments(mut instruments: Query<(&Instrument, &Port, Ref<TrocarState>, &mut InstrumentPose, &mut Jaws, Option<&mut Blade>)>) {
+    for (instrument, port, state, mut pose, mut jaws, blade) in &mut instruments {
+        let now = PortFrame::of(port).pose(&state);
+        // An instrument that has just come has not moved here from anywhere.
+        let came = state.is_added();
+        let moved = InstrumentPose { now, before: if came { now } else { pose.now } };
+        let angle_rad = (1.0 - state.grip) * tools::widest_angle_rad(instrument.kind);
+        if let Some(mut blade) = blade {
+            let active = !came && tools::cuts(instrument.kind, state.pedal, jaws.angle_rad, angle_rad);
+            if blade.active != active {
+                blade.active = active;
+            }
+        }
+        *pose = moved;
+        jaws.angle_rad = angle_rad;
+    }
+}
+
+fn publish_endoscope(mut endoscopes: Query<(&Port, &TrocarState, &mut Endoscope)>) {
+    for (port, state, mut endoscope) in &mut endoscopes {
+        // The camera head keeps the horizon; turning the scope only orbits the view.
+        endoscope.pose = PortFrame::of(port).pose(&TrocarState { roll_rad: 0.0, ..*state });
+        endoscope.roll_rad = state.roll_rad;
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
+mod tests {
+    use super::*;
+    use crate::script::{HandKey, HandTrack, ViewKey};
+    use bevy_math::{Isometry3d, Vec3};
+    use bevy_time::{TimePlugin, TimeUpdateStrategy};
+    use keyhole_whiteboard::{InstrumentKind, WhiteboardPlugin};
+
+    const HZ: f64 = 60.0;
+
+    fn theatre() -> (App, [Entity; 3]) {
+        let mut app = App::new();
+        app.add_plugins((TimePlugin, WhiteboardPlugin, InstrumentsPlugin))
+            .insert_resource(Time::<Fixed>::from_hz(HZ))
+            .insert_resource(TimeUpdateStrategy::FixedTimesteps(1))
+            .insert_resource(SceneRequirements { instruments: true, ..Default::default() });
+        let instrument = |kind| Instrument { kind, name: "tool".into(), shaft_length_m: 0.33, shaft_radius_m: 0.0025 };
+        let port = |x| Port { position: Vec3::new(x, 0.1, 0.1), inward: Vec3::new(-x, -0.1, -0.1).normalize() };
+        let state = TrocarState { insertion_m: 0.1, ..Default::default() };
+        let world = app.world_mut();
+        let right = world.spawn((instrument(InstrumentKind::Hook), Hand::Right, port(0.1), state)).id();
+        let left = world.spawn((instrument(InstrumentKind::Scissors), Hand::Left, port(-0.1), state)).id();
+        let endoscope = Endoscope {
+            pose: Isometry3d::IDENTITY,
+            direction_of_view_rad: 30f32.to_radians(),
+            angle_of_view_rad: 70f32.to_radians(),
+            roll_rad: 0.0,
+        };
+        let scope = world.spawn((endoscope, port(0.0), state)).id();
+        app.update();
+        (app, [right, left, scope])
+    }
+
+    fn pose(app: &App, instrument: Entity) -> InstrumentPose {
+        *app.world().get(instrument).unwrap()
+    }
+
+    #[test]
+    fn the_mouse_moves_the_active_hand_and_tab_the_other() {
+        let (mut app, [right, left, _]) = theatre();
+        app.init_resource::<ButtonInput<KeyCode>>().insert_resource(AccumulatedMouseMotion { delta: Vec2::new(10.0, 0.0) });
+        let at_rest = [right, left].map(|i| pose(&app, i).now);
+        app.update();
+        assert_ne!(pose(&app, right).now, at_rest[0]);
+        assert_eq!(pose(&app, right).before, at_rest[0]);
+        assert_eq!(pose(&app, left).now, at_rest[1]);
+        app.world_mut().resource_mut::<ButtonInput<KeyCode>>().press(KeyCode::Tab);
+        let held = pose(&app, right).now;
+        app.update();
+        assert_eq!(pose(&app, right).now, held);
+        assert_ne!(pose(&app, left).now, at_rest[1]);
+    }
+
+    #[test]
+    fn the_hook_cuts_while_the_button_is_down_and_scissors_while_closing() {
+        let (mut app, [right, left, _]) = theatre();
+        let mut buttons = ButtonInput::<MouseButton>::default();
+        buttons.press(MouseButton::Left);
+        app.insert_resource(buttons);
+        app.update();
+        assert!(app.world().get::<Blade>(right).unwrap().active);
+        assert!(!app.world().get::<Blade>(left).unwrap().active);
+        app.world_mut().resource_mut::<HandInput>().switch_hand();
+        app.update();
+        assert!(app.world().get::<Blade>(left).unwrap().active);
+        for _ in 0..30 {
+            app.update();
+        }
+        assert!(!app.world().get::<Blade>(left).unwrap().active, "closed scissors cut nothing");
+    }
+
+    #[test]
+    fn a_demonstration_puts_the_blade_and_the_view_where_its_keyframes_say() {
+        let (mut app, [right, _, scope]) = theatre();
+        let tips = [Vec3::new(-0.02, 0.0, 0.0), Vec3::new(0.02, -0.01, 0.01)];
+        let key = |i: usize| HandKey { time_s: i as f64, tip: tips[i], roll_rad: 0.0, grip: 0.0, active: i == 0 };
+        let view = ViewKey { time_s: 0.0, target: tips[1], distance_m: 0.06 };
+        let script = Script::new(vec![HandTrack { hand: Hand::Right, keys: vec![key(0), key(1)] }], vec![view]).unwrap();
+        app.insert_resource(script);
+        app.world_mut().resource_mut::<SimulationControl>().demonstration = true;
+        for _ in 0..30 {
+            app.update();
+        }
+        assert!(app.world().get::<Blade>(right).unwrap().active);
+        let tip = |app: &App| pose(app, right).now * app.world().get::<Blade>(right).unwrap().tip;
+        assert!(tip(&app).distance(tips[0].lerp(tips[1], 0.5)) < 1e-5, "{}", tip(&app));
+        for _ in 0..31 {
+            app.update();
+        }
+        let clock = *app.world().resource::<ScriptClock>();
+        assert_eq!((clock.ticks, clock.finished()), (61, true));
+        assert!(tip(&app).distance(tips[1]) < 1e-5);
+        assert!(!app.world().get::<Blade>(right).unwrap().active);
+        let scope = app.world().get::<Endoscope>(scope).unwrap();
+        let gaze = scope.pose.rotation * bevy_math::Quat::from_rotation_x(-scope.direction_of_view_rad) * Vec3::NEG_Z;
+        assert!((Vec3::from(scope.pose.translation) + 0.06 * gaze).distance(tips[1]) < 1e-5);
+    }
+}

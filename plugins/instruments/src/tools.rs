@@ -1,0 +1,222 @@
+//! The tools: opening angles, cutting lines, and what they look like.
+//!
+//! Shapes after the instruments of 5 mm laparoscopic sets: an insulated black shaft with a metal collar, tapered jaws of about 20 mm, and a
+//! hook electrode whose dissecting blade may be chosen longer.
+
+use crate::model::{Profile, Ring};
+use bevy_math::Vec3;
+use keyhole_whiteboard::{Blade, InstrumentKind, Joint, ToolModel, ToolPart};
+
+/// Length of a grasper's jaws from their pivot, m.
+pub const GRASPER_JAW_M: f32 = 0.020;
+/// Length of scissors' blades from their pivot, m.
+pub const SCISSORS_JAW_M: f32 = 0.018;
+/// Length of a hook's blade where the scene says nothing, m.
+pub const HOOK_BLADE_M: f32 = 0.016;
+
+const STEEL: [f32; 3] = [0.62, 0.63, 0.65];
+const INSULATION: [f32; 3] = [0.02, 0.02, 0.022];
+const CERAMIC: [f32; 3] = [0.82, 0.80, 0.74];
+
+/// Largest angle of each jaw from the shaft's axis, rad: 30 degrees for graspers and 25 for scissors.
+#[must_use]
+pub fn widest_angle_rad(kind: InstrumentKind) -> f32 {
+    match kind {
+        InstrumentKind::Grasper => 30f32.to_radians(),
+        InstrumentKind::Scissors => 25f32.to_radians(),
+        InstrumentKind::Hook => 0.0,
+    }
+}
+
+/// The cutting line of a kind of instrument, in its frame; `length_m` where the scene chose one. A grasper has none.
+#[must_use]
+pub fn blade(kind: InstrumentKind, length_m: Option<f32>) -> Option<Blade> {
+    let length = match kind {
+        InstrumentKind::Grasper => return None,
+        InstrumentKind::Scissors => length_m.unwrap_or(SCISSORS_JAW_M),
+        InstrumentKind::Hook => length_m.unwrap_or(HOOK_BLADE_M),
+    };
+    Some(Blade { tip: Vec3::new(0.0, 0.0, -length), heel: Vec3::ZERO, active: false })
+}
+
+/// How far ahead of the frame's origin the point lies that a hand steers, m: the blade's tip, or the end of the jaws' pads.
+#[must_use]
+pub fn working_reach(kind: InstrumentKind, blade: Option<&Blade>) -> f32 {
+    blade.map_or_else(|| if kind == InstrumentKind::Grasper { 0.8 * GRASPER_JAW_M } else { 0.0 }, |b| -b.tip.z)
+}
+
+/// Whether the blade cuts: a hook while the pedal is down, scissors while they close, a grasper never.
+#[must_use]
+pub fn cuts(kind: InstrumentKind, pedal: bool, angle_before_rad: f32, angle_now_rad: f32) -> bool {
+    match kind {
+        InstrumentKind::Grasper => false,
+        InstrumentKind::Scissors => angle_now_rad < angle_before_rad,
+        InstrumentKind::Hook => pedal,
+    }
+}
+
+/// What an instrument looks like.
+#[must_use]
+pub fn tool_model(kind: InstrumentKind, shaft_length_m: f32, shaft_radius_m: f32, blade: Option<&Blade>) -> ToolModel {
+    let r = shaft_radius_m;
+    let mut parts = shaft(shaft_length_m, r);
+    match kind {
+        InstrumentKind::Grasper => parts.extend(jaws(GRASPER_JAW_M, r, JawShape::Pad)),
+        InstrumentKind::Scissors => parts.extend(jaws(blade.map_or(SCISSORS_JAW_M, |b| -b.tip.z), r, JawShape::Edge)),
+        InstrumentKind::Hook => parts.extend(hook(blade.map_or(HOOK_BLADE_M, |b| -b.tip.z), r)),
+    }
+    ToolModel { parts }
+}
+
+/// Insulated tube, steel collar at its end, and the knob that the surgeon turns.
+fn shaft(length: f32, r: f32) -> Vec<ToolPart> {
+    let round = |z: f32, r: f32| Ring { z, half_x: r, half_y: r, offset: Vec3::ZERO };
+    let collar = 3.0 * r;
+    let tube = Profile::Round.loft(&[round(collar, r), round(length, r)]);
+    let metal = Profile::Round.loft(&[round(0.3 * r, 0.75 * r), round(0.8 * r, 0.95 * r), round(collar, 0.95 * r)]);
+    let knob = Profile::Round.loft(&[
+        round(length - 8.0 * r, 1.1 * r),
+        round(length - 7.0 * r, 4.0 * r),
+        round(length - 1.5 * r, 4.0 * r),
+        round(length, 2.5 * r),
+    ]);
+    vec![
+        ToolPart { name: "shaft", mesh: tube, joint: Joint::Fixed, colour: INSULATION, metallic: 0.0 },
+        ToolPart { name: "collar", mesh: metal, joint: Joint::Fixed, colour: STEEL, metallic: 1.0 },
+        ToolPart { name: "knob", mesh: knob, joint: Joint::Fixed, colour: INSULATION, metallic: 0.0 },
+    ]
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum JawShape {
+    /// Broad, with a blunt rounded end and a raised pad inside.
+    Pad,
+    /// Narrow, pointed, one behind the other.
+    Edge,
+}
+
+/// Two jaws that open up and down (about X), each in its half of the shaft's round when closed.
+fn jaws(length: f32, r: f32, shape: JawShape) -> Vec<ToolPart> {
+    let mut parts = Vec::new();
+    for (name, side, factor) in [("jaw_upper", 1.0f32, 1.0), ("jaw_lower", -1.0, -1.0)] {
+        let ring = |along: f32, half_x: f32, half_y: f32, shift_x: f32| Ring {
+            z: -along * length,
+            half_x: half_x * r,
+            half_y: half_y * r,
+            offset: Vec3::new(shift_x * r, side * half_y * r, 0.0),
+        };
+        let rings = match shape {
+            JawShape::Pad => vec![
+                ring(-0.12, 0.70, 0.42, 0.0),
+                ring(0.0, 0.80, 0.46, 0.0),
+                ring(0.25, 0.88, 0.44, 0.0),
+                ring(0.75, 0.74, 0.34, 0.0),
+                ring(0.95, 0.56, 0.24, 0.0),
+                ring(1.0, 0.30, 0.12, 0.0),
+            ],
+            // Blades lie beside each other, sharp towards the middle plane, bent a little to one side like Metzenbaum's.
+            JawShape::Edge => vec![
+                ring(-0.12, 0.55, 0.42, side * 0.25),
+                ring(0.0, 0.50, 0.46, side * 0.25),
+                ring(0.4, 0.30, 0.44, side * 0.18 + 0.10),
+                ring(0.8, 0.20, 0.28, side * 0.12 + 0.45),
+                ring(1.0, 0.08, 0.08, side * 0.06 + 0.75),
+            ],
+        };
+        let joint = Joint::Hinge { pivot: Vec3::ZERO, axis: Vec3::X, factor };
+        parts.push(ToolPart { name, mesh: Profile::Slab.loft(&rings), joint, colour: STEEL, metallic: 1.0 });
+        if shape == JawShape::Pad {
+            // Ridges across the pad, 1 mm apart: what keeps tissue from slipping.
+            let mut pad = keyhole_whiteboard::PartMesh::default();
+            let ridges = 10u8;
+            for k in 0..ridges {
+                let at = -length * (0.30 + 0.60 * f32::from(k) / f32::from(ridges));
+                let width = (0.80 - 0.25 * f32::from(k) / f32::from(ridges)) * r;
+                let ridge = |z: f32, y: f32| Ring { z, half_x: width, half_y: y, offset: Vec3::new(0.0, side * y, 0.0) };
+                crate::model::append(&mut pad, &Profile::Slab.loft(&[ridge(at, 0.02 * r), ridge(at + 0.012 * length, 0.10 * r)]));
+            }
+            let name = if side > 0.0 { "pad_upper" } else { "pad_lower" };
+            parts.push(ToolPart { name, mesh: pad, joint, colour: [0.45, 0.46, 0.48], metallic: 1.0 });
+        }
+    }
+    parts
+}
+
+/// A ceramic sleeve, a flat dissecting blade along the shaft's axis, and the hook at its end.
+fn hook(length: f32, r: f32) -> Vec<ToolPart> {
+    let ring = |z: f32, half_x: f32, half_y: f32, y: f32| Ring { z, half_x, half_y, offset: Vec3::new(0.0, y, 0.0) };
+    let sleeve = Profile::Round.loft(&[
+        ring(-1.2 * r, 0.45 * r, 0.45 * r, 0.0),
+        ring(-0.4 * r, 0.8 * r, 0.8 * r, 0.0),
+        ring(0.6 * r, 0.9 * r, 0.9 * r, 0.0),
+    ]);
+    let (thin, flat) = (0.09 * r, 0.30 * r);
+    // The blade's edge is the frame's -Z axis; its body lies on the +Y side and thickens towards the sleeve.
+    let blade = Profile::Slab.loft(&[
+        ring(-length, thin, 0.5 * flat, 0.0),
+        ring(-length + 0.5 * r, thin, flat, 0.0),
+        ring(-0.5 * length, 1.4 * thin, 1.1 * flat, 0.0),
+        ring(0.0, 1.8 * thin, 1.2 * flat, 0.0),
+    ]);
+    let bend = crate::model::tube(
+        &[
+            Vec3::new(0.0, 0.0, -length + 0.2 * r),
+            Vec3::new(0.0, 0.10 * r, -length - 0.05 * r),
+            Vec3::new(0.0, 0.45 * r, -length - 0.15 * r),
+            Vec3::new(0.0, 1.25 * r, -length - 0.05 * r),
+        ],
+        0.20 * r,
+    );
+    vec![
+        ToolPart { name: "sleeve", mesh: sleeve, joint: Joint::Fixed, colour: CERAMIC, metallic: 0.0 },
+        ToolPart { name: "blade", mesh: blade, joint: Joint::Fixed, colour: STEEL, metallic: 1.0 },
+        ToolPart { name: "hook", mesh: bend, joint: Joint::Fixed, colour: STEEL, metallic: 1.0 },
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::tests::{assert_closed, assert_normals_point_out, signed_volume};
+
+    const KINDS: [InstrumentKind; 3] = [InstrumentKind::Grasper, InstrumentKind::Scissors, InstrumentKind::Hook];
+
+    #[test]
+    fn every_part_is_a_closed_surface_with_outward_normals() {
+        for kind in KINDS {
+            for part in tool_model(kind, 0.33, 0.0025, blade(kind, None).as_ref()).parts {
+                assert_closed(part.name, &part.mesh);
+                assert!(signed_volume(&part.mesh) > 0.0, "{kind:?} {}", part.name);
+                assert_normals_point_out(part.name, &part.mesh);
+            }
+        }
+    }
+
+    #[test]
+    fn the_blade_that_is_drawn_is_the_blade_that_cuts() {
+        let line = blade(InstrumentKind::Hook, Some(0.06));
+        let model = tool_model(InstrumentKind::Hook, 0.33, 0.0025, line.as_ref());
+        let part = model.parts.iter().find(|p| p.name == "blade");
+        let front = part.map(|p| p.mesh.vertices.iter().map(|v| v[2]).fold(f32::MAX, f32::min));
+        assert_eq!(front, line.map(|b| b.tip.z));
+    }
+
+    #[test]
+    fn jaws_open_away_from_each_other() {
+        let model = tool_model(InstrumentKind::Grasper, 0.33, 0.0025, None);
+        for (name, sign) in [("jaw_upper", 1.0), ("jaw_lower", -1.0)] {
+            let Some(part) = model.parts.iter().find(|p| p.name == name) else { panic!("no {name}") };
+            let tip = part.joint.at(0.5) * Vec3::new(0.0, 0.0, -GRASPER_JAW_M);
+            assert!(sign * tip.y > 0.4 * GRASPER_JAW_M, "{name} {tip}");
+        }
+    }
+
+    #[test]
+    fn scissors_cut_while_they_close_and_a_hook_while_the_pedal_is_down() {
+        assert!(cuts(InstrumentKind::Scissors, false, 0.3, 0.2));
+        assert!(!cuts(InstrumentKind::Scissors, true, 0.2, 0.3));
+        assert!(!cuts(InstrumentKind::Scissors, true, 0.0, 0.0));
+        assert!(cuts(InstrumentKind::Hook, true, 0.0, 0.0));
+        assert!(!cuts(InstrumentKind::Grasper, true, 0.3, 0.2));
+    }
+}
