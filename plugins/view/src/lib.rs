@@ -1,1 +1,30 @@
-//! keyhole-tetmesh.
+//! What is seen: the organs' surfaces on the GPU, wet materials, the instruments, two cameras (from outside and through the endoscope with
+//! its optics), and pictures of both.
+//!
+//! Skin and opened inside are told apart face by face ([`outer`]), kept as triangle lists that follow topology deltas ([`sheet`]), and
+//! written in place into vertex buffers ([`buffers`]).
+
+pub mod adapter;
+pub mod anatomy;
+pub mod buffers;
+pub mod eyes;
+pub mod framing;
+pub mod layers;
+pub mod materials;
+pub mod optics;
+pub mod orbit;
+pub mod organs;
+pub mod outer;
+pub mod pictures;
+pub mod plugin;
+pub mod sheet;
+pub mod smoothing;
+#[cfg(test)]
+mod testing;
+pub mod theatre;
+pub mod tools;
+
+pub use adapter::{AdapterError, adapter_available, display_available};
+pub use pictures::{PictureError, PictureErrors, PictureOf, PictureRequest, PictureRequests, PicturesPending, take_pictures};
+pub use plugin::ViewPlugin;
+pub use smoothing::MotionSettings;

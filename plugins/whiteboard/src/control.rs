@@ -35,3 +35,7 @@ impl KeyMap {
         self.0.extend(keys.iter().map(|(key, what)| ((*key).to_owned(), (*what).to_owned())));
     }
 }
+
+/// Whether the pointer is over the HUD, so that a click or a drag there moves nothing else. Written by hud.
+#[derive(Resource, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PointerOverHud(pub bool);

@@ -1,0 +1,112 @@
+//! The camera of the global view: it orbits the scene with the right mouse button, pans with the middle one, and zooms with the wheel.
+
+use crate::framing::Framing;
+use bevy::input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseScrollUnit};
+use bevy::prelude::*;
+use keyhole_whiteboard::{PointerOverHud, ViewMode};
+
+/// How fast the camera follows the mouse.
+#[derive(Resource, Clone, Copy, Debug, PartialEq)]
+pub struct OrbitSettings {
+    /// rad per pixel. Default 0.006.
+    pub turn_rad_per_pixel: f32,
+    /// Distance per line of the wheel, as a factor. Default 0.9.
+    pub zoom_per_line: f32,
+}
+
+impl Default for OrbitSettings {
+    fn default() -> Self {
+        Self { turn_rad_per_pixel: 0.006, zoom_per_line: 0.9 }
+    }
+}
+
+/// Where the camera of the global view is.
+#[derive(Resource, Clone, Copy, Debug, PartialEq)]
+pub struct OrbitState {
+    /// What it looks at, m.
+    pub focus: Vec3,
+    /// About the vertical axis, rad; at zero the camera is on the +Z side.
+    pub yaw_rad: f32,
+    /// Above the horizontal, rad.
+    pub pitch_rad: f32,
+    /// From the focus, m.
+    pub distance_m: f32,
+}
+
+impl Default for OrbitState {
+    fn default() -> Self {
+        Self { focus: Vec3::ZERO, yaw_rad: 0.55, pitch_rad: 0.5, distance_m: 0.3 }
+    }
+}
+
+impl OrbitState {
+    /// Largest pitch, rad: looking straight down has no up.
+    const STEEPEST: f32 = 1.5;
+
+    /// The camera's place in the world.
+    #[must_use]
+    pub fn transform(&self) -> Transform {
+        let back = Quat::from_rotation_y(self.yaw_rad) * Quat::from_rotation_x(-self.pitch_rad) * Vec3::Z;
+        Transform::from_translation(self.focus + self.distance_m * back).looking_at(self.focus, Vec3::Y)
+    }
+
+    /// Looks at the whole scene.
+    pub fn frame(&mut self, framing: &Framing) {
+        self.focus = framing.focus;
+        self.distance_m = 4.2 * framing.radius_m;
+    }
+}
+
+/// Frames the scene when it has changed.
+pub fn follow_framing(framing: Res<Framing>, mut orbit: ResMut<OrbitState>) {
+    if framing.is_changed() {
+        orbit.frame(&framing);
+    }
+}
+
+/// Turns, pans and zooms, in the global view only.
+pub fn orbit(
+    mode: Res<ViewMode>,
+    over_hud: Res<PointerOverHud>,
+    settings: Res<OrbitSettings>,
+    buttons: Res<ButtonInput<MouseButton>>,
+    motion: Res<AccumulatedMouseMotion>,
+    scroll: Res<AccumulatedMouseScroll>,
+    mut orbit: ResMut<OrbitState>,
+) {
+    if *mode != ViewMode::Global || over_hud.0 {
+        return;
+    }
+    if buttons.pressed(MouseButton::Right) && motion.delta != Vec2::ZERO {
+        let turn = motion.delta * settings.turn_rad_per_pixel;
+        orbit.yaw_rad -= turn.x;
+        orbit.pitch_rad = (orbit.pitch_rad + turn.y).clamp(-OrbitState::STEEPEST, OrbitState::STEEPEST);
+    }
+    if buttons.pressed(MouseButton::Middle) && motion.delta != Vec2::ZERO {
+        let place = orbit.transform();
+        let per_pixel = orbit.distance_m * 0.0012;
+        orbit.focus += (place.up() * motion.delta.y - place.right() * motion.delta.x) * per_pixel;
+    }
+    if scroll.delta.y != 0.0 {
+        let lines = match scroll.unit {
+            MouseScrollUnit::Line => scroll.delta.y,
+            MouseScrollUnit::Pixel => scroll.delta.y / MouseScrollUnit::SCROLL_UNIT_CONVERSION_FACTOR,
+        };
+        orbit.distance_m *= settings.zoom_per_line.powf(lines);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_camera_looks_at_its_focus_from_its_distance() {
+        let orbit = OrbitState { focus: Vec3::new(0.1, 0.2, -0.1), yaw_rad: 2.0, pitch_rad: -0.7, distance_m: 0.4 };
+        let place = orbit.transform();
+        assert!((place.translation.distance(orbit.focus) - 0.4).abs() < 1e-6);
+        assert!((place.translation + 0.4 * place.forward()).distance(orbit.focus) < 1e-6);
+        let above = OrbitState { pitch_rad: 0.5, ..orbit }.transform();
+        assert!(above.translation.y > orbit.focus.y);
+    }
+}

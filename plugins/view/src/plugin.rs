@@ -1,0 +1,78 @@
+//! The plugin of the view.
+
+use crate::anatomy::{AnatomyBounds, draw_anatomy};
+use crate::eyes::{aim_eyes, follow_mode, open_window_eye, switch_view};
+use crate::framing::{Framing, frame_scene};
+use crate::materials::TissueMaterials;
+use crate::optics::Lens;
+use crate::orbit::{OrbitSettings, OrbitState, follow_framing, orbit};
+use crate::organs::{OrganViews, adopt_organs, draw_organs, follow_topology, inherit_planes, record_positions};
+use crate::pictures::{build_darkroom, develop};
+use crate::smoothing::MotionSettings;
+use crate::theatre::{furnish, light_scope, surround};
+use crate::tools::{draw_fittings, draw_tools, drop_orphans, move_fittings, move_tools};
+use bevy::app::RunFixedMainLoopSystems;
+use bevy::asset::embedded_asset;
+use bevy::camera::CameraUpdateSystems;
+use bevy::core_pipeline::fullscreen_material::FullscreenMaterialPlugin;
+use bevy::prelude::*;
+use bevy::transform::TransformSystems;
+use keyhole_whiteboard::{KeyMap, PointerOverHud, TickSystems, ViewMode};
+
+/// Draws the whiteboard: both views, in the window if there is one, and as pictures. Needs `DefaultPlugins` (with or without a window) and
+/// the whiteboard before it. Nothing that it does is read by the simulation.
+#[derive(Clone, Copy, Debug)]
+pub struct ViewPlugin {
+    /// Size of pictures, pixels. Default 1280 x 720.
+    pub picture_size: UVec2,
+}
+
+impl Default for ViewPlugin {
+    fn default() -> Self {
+        Self { picture_size: UVec2::new(1280, 720) }
+    }
+}
+
+/// The keys of the view.
+const KEYS: [(&str, &str); 3] = [
+    ("V", "global or laparoscopic view"),
+    ("right / middle mouse button", "global view: turn / move the camera"),
+    ("wheel", "global view: distance of the camera"),
+];
+
+impl Plugin for ViewPlugin {
+    fn build(&self, app: &mut App) {
+        embedded_asset!(app, "optics.wgsl");
+        app.init_resource::<KeyMap>().world_mut().resource_mut::<KeyMap>().push_all(&KEYS);
+        build_darkroom(app, self.picture_size);
+        app.add_plugins(FullscreenMaterialPlugin::<Lens>::default())
+            .init_resource::<ViewMode>()
+            .init_resource::<PointerOverHud>()
+            .init_resource::<OrganViews>()
+            .init_resource::<TissueMaterials>()
+            .init_resource::<AnatomyBounds>()
+            .init_resource::<Framing>()
+            .init_resource::<OrbitSettings>()
+            .init_resource::<OrbitState>()
+            .insert_resource(MotionSettings::Blend)
+            .add_observer(inherit_planes)
+            .add_systems(Startup, (furnish, open_window_eye))
+            .add_systems(RunFixedMainLoop, adopt_organs.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop))
+            .add_systems(FixedUpdate, (follow_topology, adopt_organs, record_positions).chain().in_set(TickSystems::Publish))
+            .add_systems(
+                Update,
+                (
+                    (drop_orphans, draw_anatomy, draw_tools, draw_fittings).chain(),
+                    (draw_organs, frame_scene).chain(),
+                    (switch_view, develop, follow_mode).chain(),
+                ),
+            )
+            .add_systems(
+                PostUpdate,
+                ((follow_framing, surround), orbit, aim_eyes, light_scope, move_tools, move_fittings)
+                    .chain()
+                    .before(TransformSystems::Propagate)
+                    .before(CameraUpdateSystems),
+            );
+    }
+}
