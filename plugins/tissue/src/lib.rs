@@ -1,1 +1,15 @@
-//! keyhole-tetmesh.
+//! Soft-tissue models and their time stepping.
+
+pub mod body;
+pub mod colouring;
+pub mod element;
+pub mod hold;
+pub mod material;
+pub mod settings;
+pub mod xpbd;
+
+pub use body::{Body, Momentum};
+pub use element::Element;
+pub use hold::Hold;
+pub use material::{MaterialError, NeoHookean};
+pub use settings::{Solver, TissueSettings};

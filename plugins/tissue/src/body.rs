@@ -1,0 +1,134 @@
+//! A soft body: elements, lumped masses and colours of one organ. Positions and velocities live outside, in `TissueState`.
+
+use crate::colouring::Colouring;
+use crate::element::Element;
+use crate::material::{MaterialError, NeoHookean};
+use bevy_math::{DVec3, Vec3};
+use keyhole_tetmesh::{NodeId, TetId, TetMesh};
+use keyhole_whiteboard::{OrganMaterials, TissueState};
+
+/// Everything about an organ that a time step needs and that only a topology change alters.
+#[derive(Clone, Debug, Default)]
+pub struct Body {
+    /// Elements by tetrahedron slot; unused slots are [`Element::VACANT`].
+    pub(crate) elements: Vec<Element>,
+    /// Mass by node slot, kg: a quarter of each tetrahedron's.
+    pub(crate) masses: Vec<f32>,
+    /// Elements by colour.
+    pub(crate) colouring: Colouring,
+    /// Constants and density (kg/m3) by material id.
+    materials: Vec<(NeoHookean, f64)>,
+}
+
+/// Sums over the nodes of a body.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Momentum {
+    /// kg.
+    pub mass: f64,
+    /// kg m/s.
+    pub linear: DVec3,
+    /// About the origin, kg m2/s.
+    pub angular: DVec3,
+    /// Sum of the magnitudes of the nodes' momenta, kg m/s: what a change of `linear` is to be compared with.
+    pub scale: f64,
+}
+
+impl Momentum {
+    /// Adds a node.
+    pub fn add(&mut self, mass: f32, position: Vec3, velocity: Vec3) {
+        let momentum = velocity.as_dvec3() * f64::from(mass);
+        self.mass += f64::from(mass);
+        self.linear += momentum;
+        self.angular += position.as_dvec3().cross(momentum);
+        self.scale += momentum.length();
+    }
+}
+
+impl Body {
+    /// The body of a mesh.
+    ///
+    /// # Errors
+    /// When a material has constants that no material has.
+    pub fn new(mesh: &TetMesh, materials: &OrganMaterials) -> Result<Self, MaterialError> {
+        let materials = materials
+            .0
+            .iter()
+            .map(|m| Ok((NeoHookean::of(m)?, f64::from(m.density_kg_m3))))
+            .collect::<Result<Vec<_>, MaterialError>>()?;
+        let mut body = Self { materials, ..Self::default() };
+        body.elements.resize(mesh.tet_slots(), Element::VACANT);
+        body.masses.resize(mesh.node_slots(), 0.0);
+        for (tet, corners) in mesh.iter() {
+            body.elements[tet.index()] = body.element(mesh, tet);
+            body.colouring.insert(tet, corners, mesh.topology());
+        }
+        for node in mesh.nodes() {
+            body.lump(mesh, node);
+        }
+        Ok(body)
+    }
+
+    /// Elements by tetrahedron slot.
+    #[must_use]
+    pub fn elements(&self) -> &[Element] {
+        &self.elements
+    }
+
+    /// Masses by node slot, kg; 0 for nodes that no tetrahedron uses.
+    #[must_use]
+    pub fn masses(&self) -> &[f32] {
+        &self.masses
+    }
+
+    /// Elements by colour.
+    #[must_use]
+    pub fn colouring(&self) -> &Colouring {
+        &self.colouring
+    }
+
+    /// Momentum of the whole body.
+    #[must_use]
+    pub fn momentum(&self, state: &TissueState) -> Momentum {
+        let mut sum = Momentum::default();
+        for ((m, x), v) in self.masses.iter().zip(&state.positions).zip(&state.velocities) {
+            if *m > 0.0 {
+                sum.add(*m, *x, *v);
+            }
+        }
+        sum
+    }
+
+    /// Elastic energy of the whole body, J.
+    #[must_use]
+    pub fn elastic_energy(&self, state: &TissueState) -> f64 {
+        let at = |e: &Element| e.energy(e.indices().map(|i| state.positions[i]));
+        self.elements.iter().filter(|e| !e.is_empty()).map(at).sum()
+    }
+
+    /// Kinetic energy of the whole body, J.
+    #[must_use]
+    pub fn kinetic_energy(&self, state: &TissueState) -> f64 {
+        let of = |(m, v): (&f32, &Vec3)| if *m > 0.0 { f64::from(*m) * v.as_dvec3().length_squared() / 2.0 } else { 0.0 };
+        self.masses.iter().zip(&state.velocities).map(of).sum()
+    }
+
+    /// The element of a tetrahedron of `mesh`.
+    pub(crate) fn element(&self, mesh: &TetMesh, tet: TetId) -> Element {
+        let (constants, _) = self.material(mesh, tet);
+        let rest = mesh.points(tet).map(|p| DVec3::new(p.x, p.y, p.z));
+        Element::new(mesh.corners(tet).map(|n| n.0), rest, constants)
+    }
+
+    /// Lumps the mass of a node anew. Summed in ascending order of tetrahedron, so that the history of the mesh does not matter.
+    pub(crate) fn lump(&mut self, mesh: &TetMesh, node: NodeId) {
+        let mut around = mesh.topology().around_node(node).to_vec();
+        around.sort_unstable();
+        let mass: f64 = around.iter().map(|t| self.material(mesh, *t).1 * mesh.volume(*t) / 4.0).sum();
+        self.masses[node.index()] = mass as f32;
+    }
+
+    fn material(&self, mesh: &TetMesh, tet: TetId) -> (NeoHookean, f64) {
+        let id = usize::from(mesh.tet(tet).material.0);
+        self.materials[id.min(self.materials.len() - 1)]
+    }
+}
