@@ -1,1 +1,19 @@
-//! keyhole-tetmesh.
+//! Scenes: the format, its loader, its checker, and the starter that `keyhole scene new` writes.
+//!
+//! A scene is a RON file, version [`VERSION`], in SI units but for angles, which are degrees because people write them. Paths in it are
+//! relative to the file. [`load()`] gives the [`Scene`] with paths that can be opened; [`check()`] lists every problem with its line;
+//! [`starter::new_scene`] writes a scene that plays. Nothing here knows the engine's app.
+
+// pub mod check;
+pub mod error;
+pub mod format;
+pub mod load;
+// mod locate;
+pub mod place;
+// pub mod section;
+// pub mod starter;
+
+// pub use check::{Problem, check};
+pub use error::SceneError;
+pub use format::*;
+pub use load::{load, parse};

@@ -1,0 +1,396 @@
+//! The scene format: what each field means, with unit and default. Unknown fields are refused.
+
+use serde::{Deserialize, Serialize};
+
+/// The version of the format that this program reads and writes.
+pub const VERSION: u32 = 1;
+
+/// A point or a direction of the world: Y up, right-handed.
+pub type Triple = [f32; 3];
+
+/// A scene: who lies on the table, what is in the ports, and what the demonstration does.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// Version of the format: [`VERSION`].
+    pub version: u32,
+    /// Name, as shown in the menu.
+    pub name: String,
+    /// What the scene is for, in a sentence or two. Default empty.
+    #[serde(default)]
+    pub description: String,
+    /// Gravity, m/s2. Default (0, -9.81, 0).
+    #[serde(default = "default_gravity")]
+    pub gravity: Triple,
+    /// Soft organs, one at least.
+    pub organs: Vec<SceneOrgan>,
+    /// Surfaces that are only seen. Default none.
+    #[serde(default)]
+    pub anatomy: Vec<SceneAnatomy>,
+    /// Trocars. Default none.
+    #[serde(default)]
+    pub ports: Vec<ScenePort>,
+    /// Instruments, at most one a hand. Default none.
+    #[serde(default)]
+    pub instruments: Vec<SceneInstrument>,
+    /// The endoscope. Default none: then there is only the global view.
+    #[serde(default)]
+    pub endoscope: Option<SceneEndoscope>,
+    /// How cutting is done. Default: hybrid, minimal patterns, snapping at 0.2 of an edge.
+    #[serde(default)]
+    pub cut: SceneCut,
+    /// How tissue is stepped.
+    #[serde(default)]
+    pub tissue: SceneTissue,
+    /// What is performed when nobody is at the table. Default none.
+    #[serde(default)]
+    pub demonstration: Option<Demonstration>,
+    /// Cameras outside the body.
+    #[serde(default)]
+    pub views: Views,
+}
+
+/// A soft organ.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneOrgan {
+    /// Name, unique among the organs.
+    pub name: String,
+    /// Tetrahedral mesh in metres, a VTU file, relative to the scene's file.
+    pub mesh: String,
+    /// Materials; the mesh's material 0 is the first.
+    pub materials: Vec<SceneMaterial>,
+    /// Where it lies. It is baked into the rest positions when the organ is spawned; everything else in a scene is in the world.
+    #[serde(default)]
+    pub transform: Placement,
+    /// What holds it. Default nothing: it falls.
+    #[serde(default)]
+    pub attachments: Vec<Hold>,
+}
+
+/// Elastic material and colours.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneMaterial {
+    /// Name: `kidney`, `tumour`.
+    pub name: String,
+    /// Young's modulus, Pa; above 0.
+    pub young_modulus_pa: f32,
+    /// Poisson's ratio, from 0 to below 0.5.
+    pub poisson_ratio: f32,
+    /// Density, kg/m3; above 0.
+    pub density_kg_m3: f32,
+    /// Colour where it is cut, linear RGB from 0 to 1.
+    pub inside: Triple,
+    /// Colour of the outer surface, linear RGB from 0 to 1.
+    pub surface: Triple,
+}
+
+/// A rigid placement: first turned, then moved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Placement {
+    /// Translation, m. Default zero.
+    #[serde(default)]
+    pub translation: Triple,
+    /// Rotation, degrees: about the world's X axis, then Y, then Z. Default zero.
+    #[serde(default)]
+    pub rotation_deg: Triple,
+}
+
+/// Nodes of an organ held in place.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hold {
+    /// Every node of the organ whose rest position, after the transform, is in here.
+    pub region: Region,
+    /// Compliance of each node's attachment, m/N; 0 holds rigidly. Default 0.
+    #[serde(default)]
+    pub compliance_m_n: f32,
+}
+
+/// A part of space, m, in the world.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum Region {
+    /// A ball.
+    Sphere {
+        /// Its middle, m.
+        centre: Triple,
+        /// Its radius, m; above 0.
+        radius: f32,
+    },
+    /// All that lies on the side of a plane that its normal points to.
+    HalfSpace {
+        /// A point of the plane, m.
+        point: Triple,
+        /// Towards the inside; any length but 0.
+        normal: Triple,
+    },
+    /// An axis-aligned box.
+    Box {
+        /// Lowest corner, m.
+        min: Triple,
+        /// Highest corner, m.
+        max: Triple,
+    },
+}
+
+/// A surface that is seen and cannot deform.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneAnatomy {
+    /// Name, unique among the anatomy.
+    pub name: String,
+    /// glTF file (.glb or .gltf), relative to the scene's file.
+    pub path: String,
+    /// Linear RGB from 0 to 1.
+    pub colour: Triple,
+    /// Where it lies.
+    #[serde(default)]
+    pub transform: Placement,
+}
+
+/// A trocar.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScenePort {
+    /// Name, unique among the ports.
+    pub name: String,
+    /// Where the shaft passes, m.
+    pub position: Triple,
+    /// Into the body; any length but 0. Yaw and pitch are measured from it.
+    pub inward: Triple,
+}
+
+/// Which hand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SceneHand {
+    /// The left one.
+    Left,
+    /// The right one.
+    Right,
+}
+
+/// What an instrument is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SceneInstrumentKind {
+    /// Two jaws with blunt pads.
+    Grasper,
+    /// Cut as they close.
+    Scissors,
+    /// Cuts along its blade while the pedal is down.
+    Hook,
+}
+
+/// An instrument in a hand and a port.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneInstrument {
+    /// What it is.
+    pub kind: SceneInstrumentKind,
+    /// Which hand holds it; each hand one instrument at most.
+    pub hand: SceneHand,
+    /// Name of the port that it is in; no two things share one.
+    pub port: String,
+    /// Initial angle to the port's right, degrees. Default 0.
+    #[serde(default)]
+    pub yaw_deg: f32,
+    /// Initial angle upwards, degrees. Default 0.
+    #[serde(default)]
+    pub pitch_deg: f32,
+    /// Initial distance from the port to the end of the shaft, m. Default 0.08.
+    #[serde(default = "default_insertion")]
+    pub insertion_m: f32,
+    /// Length of the cutting line, m. Default that of the kind: 18 mm for scissors, 16 mm for a hook.
+    #[serde(default)]
+    pub blade_length_m: Option<f32>,
+    /// Length of the shaft, m. Default 0.33.
+    #[serde(default = "default_shaft_length")]
+    pub shaft_length_m: f32,
+    /// Radius of the shaft, m. Default 0.0025.
+    #[serde(default = "default_shaft_radius")]
+    pub shaft_radius_m: f32,
+}
+
+/// The endoscope.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneEndoscope {
+    /// Name of the port that it is in.
+    pub port: String,
+    /// Angle between shaft and direction of view, degrees: 0, 30, 45 or 70 are sold. Default 30.
+    #[serde(default = "default_direction")]
+    pub direction_of_view_deg: f32,
+    /// Angle of view across the round picture, degrees. Default 70.
+    #[serde(default = "default_angle")]
+    pub angle_of_view_deg: f32,
+    /// Initial angle to the port's right, degrees. Default 0.
+    #[serde(default)]
+    pub yaw_deg: f32,
+    /// Initial angle upwards, degrees. Default 0.
+    #[serde(default)]
+    pub pitch_deg: f32,
+    /// Initial distance from the port to its tip, m. Default 0.08.
+    #[serde(default = "default_insertion")]
+    pub insertion_m: f32,
+}
+
+/// Release policy of cutting.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SceneCutMethod {
+    /// Hull at once, core once the blade has left.
+    #[default]
+    Hybrid,
+    /// Everything at once.
+    Progressive,
+    /// Everything once the blade has left.
+    NonProgressive,
+}
+
+/// Where cutting puts face points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SceneCutPattern {
+    /// Only where the front pierces a face.
+    #[default]
+    Minimal,
+    /// On every face that the sheet runs through.
+    Symmetric,
+}
+
+/// Settings of cutting.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SceneCut {
+    /// Release policy. Default Hybrid.
+    pub method: SceneCutMethod,
+    /// Pattern in the hull. Default Minimal.
+    pub hull: SceneCutPattern,
+    /// Pattern in the core. Default Minimal.
+    pub core: SceneCutPattern,
+    /// A crossing within this fraction of its edge's end moves the node instead; from 0 (never) to 0.4. Default 0.2.
+    pub snap: f64,
+}
+
+impl Default for SceneCut {
+    fn default() -> Self {
+        Self { method: SceneCutMethod::Hybrid, hull: SceneCutPattern::Minimal, core: SceneCutPattern::Minimal, snap: 0.2 }
+    }
+}
+
+/// Settings of the tissue's time stepping.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SceneTissue {
+    /// Substeps a tick; above 0. Default 10.
+    pub substeps: u32,
+}
+
+impl Default for SceneTissue {
+    fn default() -> Self {
+        Self { substeps: 10 }
+    }
+}
+
+/// Keyframes that the scene performs by itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Demonstration {
+    /// How long it lasts, s; above 0.
+    pub seconds: f64,
+    /// What each hand does. Default nothing.
+    #[serde(default)]
+    pub hands: Vec<HandScript>,
+    /// What the endoscope looks at. Default: it stays.
+    #[serde(default)]
+    pub view: Vec<ViewKeyframe>,
+}
+
+/// Keyframes of a hand.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HandScript {
+    /// Which hand; it must hold an instrument.
+    pub hand: SceneHand,
+    /// In order of time, each after the one before.
+    pub keys: Vec<HandKeyframe>,
+}
+
+/// Where a hand has the tip of its tool at a time. Between keyframes the tip follows a smooth curve; the shaft always passes its port.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HandKeyframe {
+    /// Seconds from the start.
+    pub time_s: f64,
+    /// The tip of the blade, or the middle of the jaws, m.
+    pub tip: Triple,
+    /// Roll about the shaft, degrees. Default 0.
+    #[serde(default)]
+    pub roll_deg: f32,
+    /// Jaws, 0 open to 1 closed. Default 0.
+    #[serde(default)]
+    pub grip: f32,
+    /// Whether the pedal is down from here to the next keyframe. Default false.
+    #[serde(default)]
+    pub active: bool,
+}
+
+/// What the endoscope looks at, from how far.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ViewKeyframe {
+    /// Seconds from the start.
+    pub time_s: f64,
+    /// The middle of the picture, m.
+    pub target: Triple,
+    /// From the tip of the endoscope to the target, m; above 0.
+    pub distance_m: f32,
+}
+
+/// Cameras outside the body.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Views {
+    /// The whole theatre.
+    pub global: Camera,
+}
+
+/// A camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Camera {
+    /// Where it is, m.
+    pub eye: Triple,
+    /// What it looks at, m.
+    pub target: Triple,
+}
+
+impl Default for Camera {
+    fn default() -> Self {
+        Self { eye: [0.0, 0.15, 0.35], target: [0.0, 0.0, 0.0] }
+    }
+}
+
+fn default_gravity() -> Triple {
+    [0.0, -9.81, 0.0]
+}
+
+fn default_insertion() -> f32 {
+    0.08
+}
+
+fn default_shaft_length() -> f32 {
+    0.33
+}
+
+fn default_shaft_radius() -> f32 {
+    0.0025
+}
+
+fn default_direction() -> f32 {
+    30.0
+}
+
+fn default_angle() -> f32 {
+    70.0
+}
