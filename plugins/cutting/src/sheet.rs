@@ -1,0 +1,215 @@
+//! The sheet: what the blade's cutting line sweeps in one step, as a strip of triangles in the rest shape, and where it crosses edges
+//! and pierces faces.
+//!
+//! Two strips share the line between them point for point, and every decision is an exact sign, taken with the points in an order that
+//! both triangles at a shared edge agree on. So an edge that the sheet crosses is crossed by exactly one triangle of it.
+
+use keyhole_tetmesh::DVec3;
+
+/// The smallest barycentric weight of a point on a face, and the smallest parameter of a crossing from its end: cut points slide along
+/// the edge that far rather than make a sliver. The same for all methods, so that they end in the same mesh.
+pub const CLEARANCE: f64 = 0.05;
+
+/// Exact sign of the volume of a, b, c, d: +1 when positive or zero, -1 when negative.
+fn sign(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> i8 {
+    let r = |v: DVec3| robust::Coord3D { x: v.x, y: v.y, z: v.z };
+    if robust::orient3d(r(a), r(b), r(c), r(d)) > 0.0 { -1 } else { 1 }
+}
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug)]
+pub struct Aabb {
+    min: DVec3,
+    max: DVec3,
+}
+
+impl Aabb {
+    /// The box of some points.
+    #[must_use]
+    pub fn of(points: &[DVec3]) -> Self {
+        points.iter().fold(Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY }, |b, p| Self { min: b.min.min(*p), max: b.max.max(*p) })
+    }
+
+    /// Whether two boxes overlap or touch.
+    #[must_use]
+    pub fn overlaps(&self, other: &Self) -> bool {
+        self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
+    }
+}
+
+/// Where the sheet crosses an edge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Parameter from the first point given to the second, in [0, 1].
+    pub t: f64,
+    /// The side of the sheet that the first point lies on: +1 or -1.
+    pub side: i8,
+}
+
+/// One step of the sheet: from the line `before` to the line `now`, which have the same number of points, tip first.
+#[derive(Clone, Debug)]
+pub struct Strip {
+    points: Vec<DVec3>,
+    half: usize,
+    triangles: Vec<[usize; 3]>,
+    boxes: Vec<Aabb>,
+}
+
+impl Strip {
+    /// The strip between two lines.
+    ///
+    /// # Panics
+    /// When they differ in their number of points or have fewer than two.
+    #[must_use]
+    pub fn between(before: &[DVec3], now: &[DVec3]) -> Self {
+        assert!(before.len() == now.len() && now.len() >= 2, "both blade lines need the same number of points, two at least");
+        let half = now.len();
+        let points: Vec<DVec3> = before.iter().chain(now).copied().collect();
+        let mut triangles = Vec::with_capacity(2 * half);
+        for j in 0..half - 1 {
+            triangles.push([j, j + 1, half + j]);
+            triangles.push([j + 1, half + j + 1, half + j]);
+        }
+        let boxes = triangles.iter().map(|t| Aabb::of(&t.map(|i| points[i]))).collect();
+        Self { points, half, triangles, boxes }
+    }
+
+    /// The present line.
+    #[must_use]
+    pub fn now(&self) -> &[DVec3] {
+        &self.points[self.half..]
+    }
+
+    /// Whether the line has not moved at all.
+    #[must_use]
+    pub fn is_still(&self) -> bool {
+        self.points[..self.half] == self.points[self.half..]
+    }
+
+    /// The triangles whose box overlaps `region`.
+    pub fn near(&self, region: &Aabb, found: &mut Vec<usize>) {
+        found.clear();
+        found.extend((0..self.triangles.len()).filter(|&i| self.boxes[i].overlaps(region)));
+    }
+
+    /// The corners of a triangle.
+    #[must_use]
+    pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
+        self.triangles[triangle].map(|i| self.points[i])
+    }
+
+    /// Where the segment from `p` to `q` crosses the given triangles. Give the ends of an edge in the same order each time.
+    pub fn crossings(&self, p: DVec3, q: DVec3, triangles: &[usize], hits: &mut Vec<Hit>) {
+        let bounds = Aabb::of(&[p, q]);
+        for &i in triangles {
+            if self.boxes[i].overlaps(&bounds)
+                && let Some(hit) = self.crossing(p, q, self.triangles[i])
+            {
+                hits.push(hit);
+            }
+        }
+    }
+
+    fn crossing(&self, p: DVec3, q: DVec3, triangle: [usize; 3]) -> Option<Hit> {
+        let [a, b, c] = triangle.map(|i| self.points[i]);
+        let (sp, sq) = (sign(a, b, c, p), sign(a, b, c, q));
+        if sp == sq {
+            return None;
+        }
+        let side = |i: usize, j: usize| {
+            if i < j { sign(p, q, self.points[i], self.points[j]) } else { -sign(p, q, self.points[j], self.points[i]) }
+        };
+        let [i, j, k] = triangle;
+        let first = side(i, j);
+        if side(j, k) != first || side(k, i) != first {
+            return None;
+        }
+        let n = (b - a).cross(c - a);
+        let (dp, dq) = (n.dot(p - a).abs(), n.dot(q - a).abs());
+        let t = if dp + dq > 0.0 { dp / (dp + dq) } else { 0.5 };
+        Some(Hit { t, side: sp })
+    }
+
+    /// The segments of the given triangles: all of their edges, as pairs of points.
+    pub fn segments<'a>(&'a self, triangles: &'a [usize]) -> impl Iterator<Item = [DVec3; 2]> + 'a {
+        triangles.iter().flat_map(|&i| {
+            let [a, b, c] = self.corners(i);
+            [[a, b], [b, c], [c, a]]
+        })
+    }
+
+    /// The paths of tip and heel in this step.
+    #[must_use]
+    pub fn ends(&self) -> [[DVec3; 2]; 2] {
+        let last = self.half - 1;
+        [[self.points[0], self.points[self.half]], [self.points[last], self.points[self.half + last]]]
+    }
+
+    /// Area of the strip inside a tetrahedron, m2, over the given triangles.
+    #[must_use]
+    pub fn area_inside(&self, tet: [DVec3; 4], triangles: &[usize]) -> f64 {
+        triangles.iter().map(|&i| clipped_area(self.corners(i), tet)).sum()
+    }
+}
+
+/// Where the segment from `p` to `q` pierces the triangle: barycentric weights of its corners.
+#[must_use]
+pub fn pierce(face: [DVec3; 3], p: DVec3, q: DVec3) -> Option<[f64; 3]> {
+    let [a, b, c] = face;
+    if sign(a, b, c, p) == sign(a, b, c, q) {
+        return None;
+    }
+    let volume = |u: DVec3, v: DVec3| (q - p).dot((u - p).cross(v - p));
+    let s = [sign(p, q, b, c), sign(p, q, c, a), sign(p, q, a, b)];
+    if s[0] != s[1] || s[1] != s[2] {
+        return None;
+    }
+    let w = [volume(b, c), volume(c, a), volume(a, b)].map(f64::abs);
+    let sum: f64 = w.iter().sum();
+    (sum > 0.0).then(|| w.map(|x| x / sum))
+}
+
+/// Barycentric weights moved inside by [`CLEARANCE`].
+#[must_use]
+pub fn clear_of_border(w: [f64; 3]) -> [f64; 3] {
+    let w = w.map(|x| x.max(CLEARANCE));
+    let sum: f64 = w.iter().sum();
+    w.map(|x| x / sum)
+}
+
+/// Whether a point lies in a positive tetrahedron, its border included.
+#[must_use]
+pub fn contains(tet: [DVec3; 4], p: DVec3) -> bool {
+    keyhole_tetmesh::FACES.iter().all(|&[i, j, k]| sign(tet[i], tet[j], tet[k], p) < 0 || on_plane(tet[i], tet[j], tet[k], p))
+}
+
+fn on_plane(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> bool {
+    let r = |v: DVec3| robust::Coord3D { x: v.x, y: v.y, z: v.z };
+    robust::orient3d(r(a), r(b), r(c), r(d)) == 0.0
+}
+
+/// Area of a triangle inside a positive tetrahedron, by clipping (Sutherland & Hodgman 1974).
+fn clipped_area(triangle: [DVec3; 3], tet: [DVec3; 4]) -> f64 {
+    let mut polygon: Vec<DVec3> = triangle.to_vec();
+    for [i, j, k] in keyhole_tetmesh::FACES {
+        let n = (tet[j] - tet[i]).cross(tet[k] - tet[i]);
+        let height = |p: DVec3| n.dot(p - tet[i]);
+        let mut kept = Vec::with_capacity(polygon.len() + 1);
+        for (m, &p) in polygon.iter().enumerate() {
+            let q = polygon[(m + 1) % polygon.len()];
+            let (hp, hq) = (height(p), height(q));
+            if hp <= 0.0 {
+                kept.push(p);
+            }
+            if (hp < 0.0 && hq > 0.0) || (hp > 0.0 && hq < 0.0) {
+                kept.push(p + (q - p) * (hp / (hp - hq)));
+            }
+        }
+        polygon = kept;
+        if polygon.len() < 3 {
+            return 0.0;
+        }
+    }
+    let fan = (1..polygon.len() - 1).map(|m| (polygon[m] - polygon[0]).cross(polygon[m + 1] - polygon[0]));
+    fan.fold(DVec3::ZERO, |sum, n| sum + n).length() / 2.0
+}
