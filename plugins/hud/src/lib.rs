@@ -1,1 +1,9 @@
-//! keyhole-whiteboard.
+//! The head-up display: which view and method, what a tick costs, what cutting has done, and every key. An app without a window leaves it
+//! out.
+
+pub mod figures;
+pub mod intent;
+pub mod panel;
+pub mod plugin;
+
+pub use plugin::HudPlugin;

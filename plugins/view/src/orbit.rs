@@ -1,22 +1,25 @@
-//! The camera of the global view: it orbits the scene with the right mouse button, pans with the middle one, and zooms with the wheel.
+//! The camera of the global view: it orbits the scene while the middle mouse button is held, pans with Shift, zooms with Ctrl and the
+//! wheel. The right button and the bare wheel belong to the instruments.
 
 use crate::framing::Framing;
 use bevy::input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseScrollUnit};
 use bevy::prelude::*;
-use keyhole_whiteboard::{PointerOverHud, ViewMode};
+use keyhole_whiteboard::{PointerClaims, ViewMode};
 
 /// How fast the camera follows the mouse.
 #[derive(Resource, Clone, Copy, Debug, PartialEq)]
 pub struct OrbitSettings {
     /// rad per pixel. Default 0.006.
     pub turn_rad_per_pixel: f32,
+    /// Metres per pixel and metre of distance. Default 0.0009.
+    pub pan_per_pixel: f32,
     /// Distance per line of the wheel, as a factor. Default 0.9.
     pub zoom_per_line: f32,
 }
 
 impl Default for OrbitSettings {
     fn default() -> Self {
-        Self { turn_rad_per_pixel: 0.006, zoom_per_line: 0.9 }
+        Self { turn_rad_per_pixel: 0.006, pan_per_pixel: 0.0009, zoom_per_line: 0.9 }
     }
 }
 
@@ -64,28 +67,40 @@ pub fn follow_framing(framing: Res<Framing>, mut orbit: ResMut<OrbitState>) {
     }
 }
 
-/// Turns, pans and zooms, in the global view only.
-pub fn orbit(
+/// Claims the mouse for the camera while it is the camera's.
+pub fn claim_mouse(
     mode: Res<ViewMode>,
-    over_hud: Res<PointerOverHud>,
+    buttons: Res<ButtonInput<MouseButton>>,
+    keys: Res<ButtonInput<KeyCode>>,
+    mut claims: ResMut<PointerClaims>,
+) {
+    let wanted = buttons.pressed(MouseButton::Middle) || keys.any_pressed([KeyCode::ControlLeft, KeyCode::ControlRight]);
+    claims.camera = *mode == ViewMode::Global && wanted && !claims.hud;
+}
+
+/// Turns, pans and zooms while the mouse is claimed.
+pub fn orbit(
+    claims: Res<PointerClaims>,
     settings: Res<OrbitSettings>,
     buttons: Res<ButtonInput<MouseButton>>,
+    keys: Res<ButtonInput<KeyCode>>,
     motion: Res<AccumulatedMouseMotion>,
     scroll: Res<AccumulatedMouseScroll>,
     mut orbit: ResMut<OrbitState>,
 ) {
-    if *mode != ViewMode::Global || over_hud.0 {
+    if !claims.camera {
         return;
     }
-    if buttons.pressed(MouseButton::Right) && motion.delta != Vec2::ZERO {
-        let turn = motion.delta * settings.turn_rad_per_pixel;
-        orbit.yaw_rad -= turn.x;
-        orbit.pitch_rad = (orbit.pitch_rad + turn.y).clamp(-OrbitState::STEEPEST, OrbitState::STEEPEST);
-    }
     if buttons.pressed(MouseButton::Middle) && motion.delta != Vec2::ZERO {
-        let place = orbit.transform();
-        let per_pixel = orbit.distance_m * 0.0012;
-        orbit.focus += (place.up() * motion.delta.y - place.right() * motion.delta.x) * per_pixel;
+        if keys.any_pressed([KeyCode::ShiftLeft, KeyCode::ShiftRight]) {
+            let place = orbit.transform();
+            let per_pixel = orbit.distance_m * settings.pan_per_pixel;
+            orbit.focus += (place.up() * motion.delta.y - place.right() * motion.delta.x) * per_pixel;
+        } else {
+            let turn = motion.delta * settings.turn_rad_per_pixel;
+            orbit.yaw_rad -= turn.x;
+            orbit.pitch_rad = (orbit.pitch_rad + turn.y).clamp(-OrbitState::STEEPEST, OrbitState::STEEPEST);
+        }
     }
     if scroll.delta.y != 0.0 {
         let lines = match scroll.unit {

@@ -5,7 +5,7 @@ use crate::eyes::{aim_eyes, follow_mode, open_window_eye, switch_view};
 use crate::framing::{Framing, frame_scene};
 use crate::materials::TissueMaterials;
 use crate::optics::Lens;
-use crate::orbit::{OrbitSettings, OrbitState, follow_framing, orbit};
+use crate::orbit::{OrbitSettings, OrbitState, claim_mouse, follow_framing, orbit};
 use crate::organs::{OrganViews, adopt_organs, draw_organs, follow_topology, inherit_planes, record_positions};
 use crate::pictures::{build_darkroom, develop};
 use crate::smoothing::MotionSettings;
@@ -15,9 +15,10 @@ use bevy::app::RunFixedMainLoopSystems;
 use bevy::asset::embedded_asset;
 use bevy::camera::CameraUpdateSystems;
 use bevy::core_pipeline::fullscreen_material::FullscreenMaterialPlugin;
+use bevy::input::InputSystems;
 use bevy::prelude::*;
 use bevy::transform::TransformSystems;
-use keyhole_whiteboard::{KeyMap, PointerOverHud, TickSystems, ViewMode};
+use keyhole_whiteboard::{KeyMap, PointerClaims, TickSystems, ViewMode};
 
 /// Draws the whiteboard: both views, in the window if there is one, and as pictures. Needs `DefaultPlugins` (with or without a window) and
 /// the whiteboard before it. Nothing that it does is read by the simulation.
@@ -36,8 +37,8 @@ impl Default for ViewPlugin {
 /// The keys of the view.
 const KEYS: [(&str, &str); 3] = [
     ("V", "global or laparoscopic view"),
-    ("right / middle mouse button", "global view: turn / move the camera"),
-    ("wheel", "global view: distance of the camera"),
+    ("middle mouse button", "global view: turn the camera; with Shift: move it"),
+    ("Ctrl + wheel", "global view: distance of the camera"),
 ];
 
 impl Plugin for ViewPlugin {
@@ -47,7 +48,7 @@ impl Plugin for ViewPlugin {
         build_darkroom(app, self.picture_size);
         app.add_plugins(FullscreenMaterialPlugin::<Lens>::default())
             .init_resource::<ViewMode>()
-            .init_resource::<PointerOverHud>()
+            .init_resource::<PointerClaims>()
             .init_resource::<OrganViews>()
             .init_resource::<TissueMaterials>()
             .init_resource::<AnatomyBounds>()
@@ -57,6 +58,7 @@ impl Plugin for ViewPlugin {
             .insert_resource(MotionSettings::Blend)
             .add_observer(inherit_planes)
             .add_systems(Startup, (furnish, open_window_eye))
+            .add_systems(PreUpdate, claim_mouse.after(InputSystems))
             .add_systems(RunFixedMainLoop, adopt_organs.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop))
             .add_systems(FixedUpdate, (follow_topology, adopt_organs, record_positions).chain().in_set(TickSystems::Publish))
             .add_systems(

@@ -36,6 +36,19 @@ impl KeyMap {
     }
 }
 
-/// Whether the pointer is over the HUD, so that a click or a drag there moves nothing else. Written by hud.
+/// Who else wants the mouse at the moment: while anybody does, it moves no instrument.
 #[derive(Resource, Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PointerOverHud(pub bool);
+pub struct PointerClaims {
+    /// The pointer is over the HUD. Written by hud.
+    pub hud: bool,
+    /// The mouse moves the camera of the global view. Written by view.
+    pub camera: bool,
+}
+
+impl PointerClaims {
+    /// Whether anybody wants the mouse.
+    #[must_use]
+    pub fn any(self) -> bool {
+        self.hud || self.camera
+    }
+}

@@ -12,7 +12,7 @@ pub mod scene;
 pub mod tick;
 
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
-pub use control::{KeyMap, PointerOverHud, SimulationControl, ViewMode};
+pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
 pub use instrument::{
     Blade, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, PartMesh, Port, ToolModel, ToolPart,

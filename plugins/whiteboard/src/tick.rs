@@ -1,6 +1,6 @@
 //! One tick of the simulator: the order of its sets, and what each cost.
 
-use crate::{CutSettings, CutStatus, Gravity, KeyMap, PointerOverHud, SceneRequirements, SimulationControl, TopologyChanged, ViewMode};
+use crate::{CutSettings, CutStatus, Gravity, KeyMap, PointerClaims, SceneRequirements, SimulationControl, TopologyChanged, ViewMode};
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
 use bevy_ecs::schedule::{LogLevel, ScheduleBuildSettings};
@@ -88,7 +88,7 @@ impl Plugin for WhiteboardPlugin {
             .init_resource::<SimulationControl>()
             .init_resource::<ViewMode>()
             .init_resource::<KeyMap>()
-            .init_resource::<PointerOverHud>()
+            .init_resource::<PointerClaims>()
             .init_resource::<TickCost>()
             .add_message::<TopologyChanged>()
             .edit_schedule(FixedUpdate, |schedule| {
