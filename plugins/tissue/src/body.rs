@@ -2,7 +2,10 @@
 
 use crate::colouring::Colouring;
 use crate::element::Element;
+use crate::hold::Hold;
 use crate::material::{MaterialError, NeoHookean};
+use crate::settings::{Solver, TissueSettings};
+use crate::xpbd;
 use bevy_math::{DVec3, Vec3};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
@@ -41,6 +44,17 @@ impl Momentum {
         self.linear += momentum;
         self.angular += position.as_dvec3().cross(momentum);
         self.scale += momentum.length();
+    }
+
+    /// The sum of both.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            mass: self.mass + other.mass,
+            linear: self.linear + other.linear,
+            angular: self.angular + other.angular,
+            scale: self.scale + other.scale,
+        }
     }
 }
 
@@ -84,6 +98,20 @@ impl Body {
     #[must_use]
     pub fn colouring(&self) -> &Colouring {
         &self.colouring
+    }
+
+    /// Steps the body over one tick of `dt` s under gravity (m/s2). When that leaves the finite numbers, the state is put back to what it was
+    /// before the tick, at rest, and the first node at fault is returned.
+    pub fn step_safely(&self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) -> Option<NodeId> {
+        let last = state.positions.clone();
+        match settings.solver {
+            Solver::Xpbd => xpbd::step(self, state, holds, gravity, dt, settings),
+        }
+        let finite = |(x, v): (&Vec3, &Vec3)| x.is_finite() && v.is_finite();
+        let fault = state.positions.iter().zip(&state.velocities).position(|node| !finite(node))?;
+        state.positions = last;
+        state.velocities.fill(Vec3::ZERO);
+        Some(NodeId(fault as u32))
     }
 
     /// Momentum of the whole body.

@@ -1,10 +1,12 @@
 //! Soft-tissue models and their time stepping.
 
+pub mod adopt;
 pub mod body;
 pub mod colouring;
 pub mod element;
 pub mod hold;
 pub mod material;
+pub mod plugin;
 pub mod settings;
 pub mod xpbd;
 
@@ -12,4 +14,5 @@ pub use body::{Body, Momentum};
 pub use element::Element;
 pub use hold::Hold;
 pub use material::{MaterialError, NeoHookean};
+pub use plugin::{Quarantined, TissueBody, TissuePlugin, TissueReport};
 pub use settings::{Solver, TissueSettings};

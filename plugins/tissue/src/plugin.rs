@@ -1,0 +1,195 @@
+//! Glue: reads the whiteboard, calls the algorithms, writes the whiteboard.
+
+use crate::adopt::adopt;
+use crate::body::{Body, Momentum};
+use crate::hold::Hold;
+use crate::settings::TissueSettings;
+use bevy_app::prelude::*;
+use bevy_ecs::prelude::*;
+use bevy_math::Vec3;
+use bevy_time::{Fixed, Time};
+use keyhole_tetmesh::{NodeEdit, NodeId, TopologyDelta};
+use keyhole_whiteboard::tick::running;
+use keyhole_whiteboard::{
+    Anchor, Attachments, FragmentDetached, Gravity, InstrumentPose, OrganMaterials, SceneRequirements, TickSystems, TissueMesh, TissueState,
+    TopologyChanged,
+};
+use rayon::prelude::*;
+
+/// Soft tissue: gives every organ with a [`TissueMesh`] its [`TissueState`] and [`TissueBody`] before its first tick, carries both over
+/// topology changes in [`TickSystems::Adopt`], and steps them in [`TickSystems::Tissue`].
+pub struct TissuePlugin;
+
+impl Plugin for TissuePlugin {
+    fn build(&self, app: &mut App) {
+        app.init_resource::<TissueSettings>()
+            .init_resource::<TissueReport>()
+            .init_resource::<FreedFragments>()
+            .add_observer(note_fragment)
+            .add_systems(FixedUpdate, embody.before(TickSystems::Sense).run_if(running).run_if(SceneRequirements::tissue))
+            .add_systems(FixedUpdate, adopt_changes.in_set(TickSystems::Adopt).run_if(SceneRequirements::tissue))
+            .add_systems(FixedUpdate, step_organs.in_set(TickSystems::Tissue).run_if(SceneRequirements::tissue));
+    }
+}
+
+/// The body of an organ. Written by tissue.
+#[derive(Component, Clone, Debug, Default)]
+pub struct TissueBody(pub Body);
+
+/// On an organ whose state became non-finite: it was put back to its last finite state and is no longer stepped. Written by tissue; who
+/// removes it lets the organ go on.
+#[derive(Component, Clone, Copy, Debug, PartialEq)]
+pub struct Quarantined {
+    /// Simulated time at which it happened, s.
+    pub time_s: f64,
+    /// The first node that was not finite.
+    pub node: NodeId,
+}
+
+/// What tissue has to report since the scene started. Written by tissue.
+#[derive(Resource, Clone, Debug, Default, PartialEq)]
+pub struct TissueReport {
+    /// Topology changes adopted.
+    pub adoptions: u64,
+    /// Largest relative change of linear momentum that a topology change would have made, had it not been given back.
+    pub momentum_jump: f64,
+    /// Largest relative change of linear momentum that was left after it was given back: rounding.
+    pub momentum_error: f64,
+    /// Organs in quarantine, in the order they went there.
+    pub quarantined: Vec<Entity>,
+}
+
+/// Fragments that came free since the last adoption.
+#[derive(Resource, Default)]
+struct FreedFragments(Vec<FragmentDetached>);
+
+fn note_fragment(detached: On<FragmentDetached>, mut freed: ResMut<FreedFragments>) {
+    freed.0.push(detached.event().clone());
+}
+
+/// Gives organs without a body their body, and their rest shape as state unless they come with one that fits.
+fn embody(
+    mut commands: Commands,
+    organs: Query<(Entity, &TissueMesh, &OrganMaterials, Option<&TissueState>), Without<TissueBody>>,
+) -> Result {
+    for (organ, mesh, materials, state) in &organs {
+        let body = Body::new(&mesh.0, materials)?;
+        let mut entity = commands.entity(organ);
+        entity.insert(TissueBody(body));
+        if state.is_none_or(|s| s.positions.len() != mesh.0.node_slots() || s.velocities.len() != s.positions.len()) {
+            entity.insert(TissueState::at_rest(&mesh.0));
+        }
+    }
+    Ok(())
+}
+
+/// Adopts every topology change; fragments take their share of the donor's state and attachments.
+fn adopt_changes(
+    mut commands: Commands,
+    mut changes: MessageReader<TopologyChanged>,
+    mut freed: ResMut<FreedFragments>,
+    mut report: ResMut<TissueReport>,
+    mut organs: Query<(&TissueMesh, &mut TissueState, &mut TissueBody, &mut Attachments)>,
+    fragments: Query<(&TissueMesh, &OrganMaterials), Without<TissueBody>>,
+) -> Result {
+    let mut waiting = std::mem::take(&mut freed.0);
+    for TopologyChanged { organ, delta } in changes.read() {
+        // An organ that was cut before its first tick gets its body from the mesh as it is.
+        let Ok((mesh, mut state, mut body, mut attachments)) = organs.get_mut(*organ) else { continue };
+        let (mine, others): (Vec<_>, Vec<_>) = waiting.into_iter().partition(|f| f.donor == *organ);
+        waiting = others;
+
+        let (removals, rest): (Vec<NodeEdit>, Vec<NodeEdit>) =
+            delta.nodes.iter().cloned().partition(|e| matches!(e, NodeEdit::Removed { .. }));
+        attachments.remap(&TopologyDelta { nodes: rest, ..Default::default() });
+        let held: Vec<Attachments> = mine.iter().map(|f| attachments.split_off(&f.donor_nodes)).collect();
+        attachments.remap(&TopologyDelta { nodes: removals, ..Default::default() });
+
+        let mut pieces = Vec::new();
+        for (fragment, held) in mine.iter().zip(held) {
+            let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
+            pieces.push((fragment, held, Body::new(&mesh.0, materials)?, TissueState::default()));
+        }
+        let adopted = adopt(&mut body.0, &mut state, &mesh.0, delta, |donor| {
+            let mut departed = Momentum::default();
+            for (fragment, _, body, state) in &mut pieces {
+                *state = inherit(donor, &fragment.donor_nodes);
+                for ((m, x), v) in body.masses().iter().zip(&state.positions).zip(&state.velocities) {
+                    departed.add(*m, *x, *v);
+                }
+            }
+            departed
+        });
+        report.adoptions += 1;
+        report.momentum_jump = report.momentum_jump.max(adopted.relative_jump());
+        report.momentum_error = report.momentum_error.max(adopted.relative_error());
+        for (fragment, held, body, mut state) in pieces {
+            for v in &mut state.velocities {
+                *v += adopted.given_back;
+            }
+            commands.entity(fragment.entity).insert((TissueBody(body), state, held));
+        }
+    }
+    // A fragment whose donor sent nothing this tick: its nodes are still the donor's.
+    for fragment in waiting {
+        let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
+        let Ok((_, donor, _, mut attachments)) = organs.get_mut(fragment.donor) else { continue };
+        let held = attachments.split_off(&fragment.donor_nodes);
+        let state = inherit(&donor, &fragment.donor_nodes);
+        commands.entity(fragment.entity).insert((TissueBody(Body::new(&mesh.0, materials)?), state, held));
+    }
+    Ok(())
+}
+
+/// The state of a fragment whose nodes were these nodes of the donor.
+fn inherit(donor: &TissueState, nodes: &[NodeId]) -> TissueState {
+    TissueState {
+        positions: nodes.iter().map(|n| donor.positions[n.index()]).collect(),
+        velocities: nodes.iter().map(|n| donor.velocities[n.index()]).collect(),
+    }
+}
+
+/// Steps every organ that is not in quarantine. Organs are independent of each other, so they may run on any number of threads.
+fn step_organs(
+    mut commands: Commands,
+    time: Res<Time<Fixed>>,
+    gravity: Res<Gravity>,
+    settings: Res<TissueSettings>,
+    mut report: ResMut<TissueReport>,
+    tools: Query<&InstrumentPose>,
+    mut organs: Query<(Entity, &mut TissueState, &TissueBody, &Attachments), Without<Quarantined>>,
+) {
+    let dt = time.timestep().as_secs_f32();
+    let mut jobs: Vec<_> = organs.iter_mut().map(|(e, state, body, a)| (e, state, body, resolve(a, &tools))).collect();
+    jobs.sort_unstable_by_key(|(organ, ..)| *organ);
+    let failures: Vec<Option<NodeId>> = jobs
+        .par_iter_mut()
+        .map(|(_, state, body, holds)| body.0.step_safely(state, holds, gravity.0, dt, &settings))
+        .collect();
+    for ((organ, ..), node) in jobs.iter().zip(failures) {
+        let Some(node) = node else { continue };
+        tracing::error!(
+            "organ {organ}: node {} left the finite numbers; the organ is back at its last finite state and frozen. More substeps or a \
+             softer material may help",
+            node.0
+        );
+        report.quarantined.push(*organ);
+        commands.entity(*organ).insert(Quarantined { time_s: time.elapsed_secs_f64(), node });
+    }
+}
+
+/// Attachments with their anchors in the world; one whose instrument is gone holds nothing.
+fn resolve(attachments: &Attachments, tools: &Query<&InstrumentPose>) -> Vec<Hold> {
+    let resolved = attachments.0.iter().filter_map(|a| {
+        let (from, to) = match &a.anchor {
+            Anchor::Space(p) => (*p, *p),
+            Anchor::Tool { instrument, local } => {
+                let pose = tools.get(*instrument).ok()?;
+                let place = |p: &bevy_math::Isometry3d| Vec3::from(p.transform_point(*local));
+                (place(&pose.before), place(&pose.now))
+            }
+        };
+        Some(Hold { point: a.point.clone(), from, to, compliance_m_n: a.compliance_m_n })
+    });
+    resolved.collect()
+}
