@@ -1,0 +1,114 @@
+//! The smooth field of a mask: signed distance, blurred by about a voxel, its level set so that the volume stays.
+
+use crate::distance::{along_axis, signed_distance};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Standard deviation of the blur in voxels, on each axis.
+pub const BLUR_VOXELS: f64 = 1.0;
+
+/// A scalar on a straight grid, interpolated trilinearly; beyond the grid its border continues.
+#[derive(Clone, Debug)]
+pub struct ScalarGrid {
+    /// Samples along each axis.
+    pub dims: [usize; 3],
+    /// Distance between samples, mm.
+    pub spacing: DVec3,
+    /// Samples, x fastest.
+    pub values: Vec<f32>,
+}
+
+impl ScalarGrid {
+    /// The value at a point in the grid's coordinates, mm.
+    #[must_use]
+    pub fn sample(&self, p: DVec3) -> f64 {
+        let mut base = [0; 3];
+        let mut t = [0.0; 3];
+        for a in 0..3 {
+            let n = self.dims[a];
+            let x = (p[a] / self.spacing[a]).clamp(0.0, (n - 1) as f64);
+            base[a] = (x as usize).min(n.saturating_sub(2));
+            t[a] = x - base[a] as f64;
+        }
+        let [nx, ny, _] = self.dims;
+        let step = [1, nx, nx * ny].map(|s| s as isize);
+        let stride: [usize; 3] = std::array::from_fn(|a| if self.dims[a] > 1 { step[a] as usize } else { 0 });
+        let i = base[0] + base[1] * nx + base[2] * nx * ny;
+        let v = |k: usize| f64::from(self.values[i + k]);
+        let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
+        let row = |k: usize| mix(v(k), v(k + stride[0]), t[0]);
+        let plane = |k: usize| mix(row(k), row(k + stride[1]), t[1]);
+        mix(plane(0), plane(stride[2]), t[2])
+    }
+
+    /// Distance to the surface of a mask in mm, negative inside, blurred by [`BLUR_VOXELS`], shifted so that as many voxel centres are
+    /// inside as the mask has voxels.
+    #[must_use]
+    pub fn of_mask(dims: [usize; 3], spacing: DVec3, inside: impl Fn(usize) -> bool + Sync) -> Self {
+        let mut grid = Self { dims, spacing, values: signed_distance(dims, spacing, &inside) };
+        let count = (0..grid.values.len()).filter(|i| inside(*i)).count();
+        // Where there is nothing of the other kind the distance is infinite; the size of the grid stands for it.
+        let far = (spacing * DVec3::from_array(dims.map(|d| d as f64))).length() as f32;
+        grid.values.par_iter_mut().for_each(|v| *v = v.clamp(-far, far));
+        grid.blur(BLUR_VOXELS);
+        grid.keep_volume(count);
+        grid
+    }
+
+    /// Gaussian of `sigma` voxels on each axis, the border continued.
+    pub fn blur(&mut self, sigma: f64) {
+        let reach = (3.0 * sigma).ceil() as usize;
+        let weights: Vec<f32> = (0..=2 * reach).map(|k| (-0.5 * ((k as f64 - reach as f64) / sigma).powi(2)).exp() as f32).collect();
+        let sum: f32 = weights.iter().sum();
+        for axis in 0..3 {
+            along_axis(&mut self.values, self.dims, axis, |line, out, _| {
+                let n = line.len();
+                for (i, o) in out.iter_mut().enumerate() {
+                    let mut total = 0.0;
+                    if i >= reach && i + reach < n {
+                        for (w, v) in weights.iter().zip(&line[i - reach..]) {
+                            total += w * v;
+                        }
+                    } else {
+                        for (k, w) in weights.iter().enumerate() {
+                            total += w * line[(i + k).saturating_sub(reach).min(n - 1)];
+                        }
+                    }
+                    *o = total / sum;
+                }
+            });
+        }
+    }
+
+    /// Shifts the values so that `count` samples are negative.
+    fn keep_volume(&mut self, count: usize) {
+        if count == 0 || count >= self.values.len() {
+            return;
+        }
+        let mut sorted = self.values.clone();
+        let (below, next, _) = sorted.select_nth_unstable_by(count, f32::total_cmp);
+        let last = below.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let level = (last + *next) / 2.0;
+        self.values.par_iter_mut().for_each(|v| *v -= level);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ball_keeps_its_volume_and_its_distances() {
+        let (dims, spacing) = ([50, 40, 24], DVec3::new(0.8, 1.0, 2.0));
+        let centre = DVec3::new(20.0, 20.0, 24.0);
+        let at = |i: usize| DVec3::new((i % 50) as f64, (i / 50 % 40) as f64, (i / 2000) as f64) * spacing;
+        let inside = |i: usize| at(i).distance(centre) < 12.0;
+        let grid = ScalarGrid::of_mask(dims, spacing, inside);
+        let count = (0..grid.values.len()).filter(|i| inside(*i)).count();
+        assert_eq!(grid.values.iter().filter(|v| **v < 0.0).count(), count);
+        for direction in [DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, -1.0, 0.5).normalize()] {
+            assert!(grid.sample(centre + direction * 12.0).abs() < spacing.dot(direction.abs()), "the surface is where it was, to a voxel");
+            assert!((grid.sample(centre + direction * 17.0) - 5.0).abs() < 1.0, "values are distances");
+        }
+    }
+}
