@@ -54,6 +54,7 @@ pub struct Cutter {
     pub(crate) relabelled: std::collections::BTreeSet<TetId>,
     committed_area_m2: f64,
     mean_edge_m: f64,
+    has_cut: bool,
 }
 
 /// A second crossing of an edge within this part of the edge's length is the same cut: the blade goes back and forth in it.
@@ -92,6 +93,7 @@ impl Cutter {
             relabelled: std::collections::BTreeSet::new(),
             committed_area_m2: 0.0,
             mean_edge_m,
+            has_cut: false,
         }
     }
 
@@ -106,6 +108,18 @@ impl Cutter {
         if self.stroke.is_empty() {
             self.settings = settings;
         }
+    }
+
+    /// Operations since the cutter was made.
+    #[must_use]
+    pub fn operations(&self) -> Operations {
+        self.operations
+    }
+
+    /// Number of points of the line of the stroke in progress.
+    #[must_use]
+    pub fn line_points(&self) -> Option<usize> {
+        (!self.stroke.line.is_empty()).then_some(self.stroke.line.len())
     }
 
     /// Whether a stroke is in progress: whether children may still change.
@@ -155,6 +169,14 @@ impl Cutter {
     #[must_use]
     pub fn opened_m2(&self, mesh: &TetMesh) -> f64 {
         self.committed_area_m2 + self.stroke_area(mesh)
+    }
+
+    /// The tetrahedra along the cut of the stroke in progress, ascending.
+    #[must_use]
+    pub fn children(&self) -> Vec<TetId> {
+        let mut ids: Vec<TetId> = self.stroke.parent.keys().copied().collect();
+        ids.sort_unstable();
+        ids
     }
 
     /// Points where the present line goes through the outer surface (the base mesh's boundary), rest shape, m.
@@ -251,11 +273,28 @@ impl Cutter {
         report
     }
 
+    /// Forgets where the blade was: the next step starts a stroke.
+    pub fn forget_line(&mut self) {
+        self.stroke.line.clear();
+        self.stroke.on_sheet.clear();
+    }
+
+    /// Whether the mesh was cut since the last call: whether there may be new fragments once no stroke is in progress.
+    pub fn take_has_cut(&mut self) -> bool {
+        std::mem::take(&mut self.has_cut)
+    }
+
+    /// Leaves out a tetrahedron that is about to be taken out of the mesh. No stroke may be in progress.
+    pub(crate) fn forget(&mut self, mesh: &TetMesh, tet: TetId) {
+        self.grid.remove(tet, mesh.points(tet));
+        self.base.remove(tet);
+    }
+
     /// Ends the stroke: everything settles, children become base tetrahedra. The changes are in the mesh's delta.
     pub fn end_stroke(&mut self, mesh: &mut TetMesh) -> StepReport {
         let before = self.operations;
         self.commit(mesh);
-        self.stroke.line.clear();
+        self.forget_line();
         StepReport { operations: self.operations_since(before), ..StepReport::default() }
     }
 
@@ -296,6 +335,7 @@ impl Cutter {
             }
             mesh.release_tet(base);
         }
+        self.has_cut |= !made.is_empty();
         self.renew_hull(mesh, &made);
         let line = std::mem::take(&mut self.stroke.line);
         self.stroke = Stroke { line, ..Stroke::default() };

@@ -1,9 +1,13 @@
 #![doc = include_str!("../README.md")]
 
+pub mod batch;
 pub mod blade;
 pub mod cutter;
+pub mod fragment;
 mod grid;
 pub mod kernel;
+pub mod material_map;
+mod plugin;
 mod refine;
 mod release;
 mod separate;
@@ -11,5 +15,7 @@ pub mod sheet;
 mod snap;
 mod stroke;
 
+pub use batch::{BatchCut, BatchRow};
 pub use blade::{BladeError, BladeSample, read_blade};
 pub use cutter::{Cutter, Operations, StepReport};
+pub use plugin::CuttingPlugin;

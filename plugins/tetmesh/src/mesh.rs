@@ -50,6 +50,17 @@ impl TetMesh {
         mesh
     }
 
+    /// A mesh of the given nodes (metres) and tetrahedra with attributes that are kept as they are: a piece of another mesh.
+    #[must_use]
+    pub fn from_parts(nodes: Vec<DVec3>, tets: &[([u32; 4], Tet)]) -> Self {
+        let mut mesh = Self { alive: vec![true; nodes.len()], node_count: nodes.len(), rest: nodes, ..Self::default() };
+        for (i, (nodes, tet)) in tets.iter().enumerate() {
+            mesh.topology.insert(TetId(i as u32), nodes.map(NodeId));
+            mesh.tets.push(*tet);
+        }
+        mesh
+    }
+
     /// Adjacency.
     #[must_use]
     pub fn topology(&self) -> &Topology {
@@ -222,6 +233,12 @@ impl TetMesh {
     pub fn release_tet(&mut self, tet: TetId) {
         debug_assert!(!self.topology.contains(tet));
         self.freed_tets.push(tet);
+    }
+
+    /// Whether anything changed since the last [`TetMesh::take_delta`].
+    #[must_use]
+    pub fn has_delta(&self) -> bool {
+        !self.delta.is_empty()
     }
 
     /// What changed since the last call. From now on the slots it freed may be used again.

@@ -1,0 +1,139 @@
+//! Glue: blades on the whiteboard cut the organs on it.
+
+use crate::cutter::{Cutter, Operations};
+use crate::fragment::{self, Fragment};
+use crate::material_map::{MaterialMap, WorldLine};
+use bevy_app::prelude::*;
+use bevy_ecs::prelude::*;
+use bevy_math::Vec3;
+use bevy_time::{Fixed, Time};
+use keyhole_whiteboard::{
+    Blade, CutSettings, CutStatus, FragmentDetached, FreedFrom, InstrumentPose, Organ, OrganMaterials, SceneRequirements, TickSystems,
+    TissueMesh, TissueState, TopologyChanged,
+};
+
+/// Cuts organs with active blades, in [`TickSystems::Cut`].
+pub struct CuttingPlugin;
+
+impl Plugin for CuttingPlugin {
+    fn build(&self, app: &mut App) {
+        let systems = (prepare_organs, detach_fragments, cut_organs, send_changes).chain();
+        app.add_systems(FixedUpdate, systems.in_set(TickSystems::Cut).run_if(SceneRequirements::cutting));
+    }
+}
+
+/// The cutter of an organ and what it knows of the blade in it.
+#[derive(Component)]
+struct OrganCutter {
+    cutter: Cutter,
+    map: MaterialMap,
+    /// The blade that is in the organ.
+    blade: Option<Entity>,
+    /// A stroke has ended: pieces may have come free.
+    look_for_fragments: bool,
+}
+
+fn prepare_organs(mut commands: Commands, organs: Query<(Entity, &TissueMesh), Without<OrganCutter>>) {
+    for (organ, mesh) in &organs {
+        let cutter = Cutter::new(&mesh.0);
+        commands.entity(organ).insert(OrganCutter { cutter, map: MaterialMap::default(), blade: None, look_for_fragments: false });
+    }
+}
+
+/// Frees the pieces that the strokes ended in the last tick cut off. A tick later, so that the donor's state has every node.
+fn detach_fragments(
+    mut commands: Commands,
+    mut organs: Query<(Entity, &Organ, &OrganMaterials, &mut TissueMesh, &mut OrganCutter)>,
+    mut status: ResMut<CutStatus>,
+    time: Res<Time<Fixed>>,
+) {
+    let mut ordered: Vec<_> = organs.iter_mut().filter(|o| o.4.look_for_fragments).collect();
+    ordered.sort_by_key(|o| o.0);
+    for (donor, organ, materials, mut mesh, mut state) in ordered {
+        state.look_for_fragments = false;
+        for Fragment { mesh, donor_nodes } in fragment::detach(&mut mesh.0, &mut state.cutter) {
+            status.fragments += 1;
+            let name = format!("{} piece {}", organ.name, status.fragments);
+            let freed = FreedFrom { donor, time_s: time.elapsed_secs_f64() };
+            let entity = commands.spawn((Organ { name }, materials.clone(), TissueMesh(mesh), freed)).id();
+            commands.trigger(FragmentDetached { entity, donor, donor_nodes });
+        }
+    }
+}
+
+fn cut_organs(
+    mut organs: Query<(Entity, &mut TissueMesh, &TissueState, &mut OrganCutter)>,
+    blades: Query<(Entity, &InstrumentPose, &Blade)>,
+    settings: Res<CutSettings>,
+    mut status: ResMut<CutStatus>,
+) {
+    let mut active: Vec<_> = blades.iter().filter(|(_, _, blade)| blade.active).collect();
+    active.sort_by_key(|b| b.0);
+    let mut cutting = false;
+    let mut organs: Vec<_> = organs.iter_mut().collect();
+    organs.sort_by_key(|o| o.0);
+    for (_, mut mesh, state, mut organ) in organs {
+        let organ = &mut *organ;
+        if active.is_empty() && !organ.map.has_begun() && !organ.cutter.is_cutting() {
+            organ.map.reset();
+            continue;
+        }
+        let blade = active.iter().find(|b| Some(b.0) == organ.blade).or_else(|| active.first());
+        if organ.blade != blade.map(|b| b.0) {
+            organ.end_stroke(&mut mesh, &mut status);
+            organ.blade = blade.map(|b| b.0);
+        }
+        let Some((_, pose, blade)) = blade else { continue };
+        organ.cutter.set_settings(*settings);
+        organ.cut(&mut mesh, &state.positions, world_line(pose, blade), &mut status);
+        cutting |= organ.map.has_begun();
+    }
+    if status.cutting != cutting {
+        status.cutting = cutting;
+    }
+}
+
+fn send_changes(mut organs: Query<(Entity, &mut TissueMesh)>, mut changes: MessageWriter<TopologyChanged>) {
+    let mut ordered: Vec<_> = organs.iter_mut().filter(|o| o.1.0.has_delta()).collect();
+    ordered.sort_by_key(|o| o.0);
+    for (organ, mut mesh) in ordered {
+        changes.write(TopologyChanged { organ, delta: mesh.0.take_delta() });
+    }
+}
+
+impl OrganCutter {
+    fn cut(&mut self, mesh: &mut Mut<TissueMesh>, positions: &[Vec3], line: WorldLine, status: &mut CutStatus) {
+        let (steps, left) = self.map.steps(&mesh.0, &self.cutter, positions, line);
+        for step in steps {
+            let seeds = self.cutter.tets_at(&mesh.0, &step.inside);
+            let report = self.cutter.advance(&mut mesh.0, &step.line, &seeds);
+            count(status, report.operations);
+        }
+        if left {
+            self.end_stroke(mesh, status);
+        }
+    }
+
+    fn end_stroke(&mut self, mesh: &mut Mut<TissueMesh>, status: &mut CutStatus) {
+        if self.cutter.is_cutting() {
+            count(status, self.cutter.end_stroke(&mut mesh.0).operations);
+        }
+        self.cutter.forget_line();
+        self.map.reset();
+        if self.cutter.take_has_cut() {
+            status.strokes += 1;
+            self.look_for_fragments = true;
+        }
+    }
+}
+
+fn count(status: &mut CutStatus, operations: Operations) {
+    status.deleted += operations.deleted;
+    status.created += operations.created;
+    status.updated += operations.updated;
+    status.deferred += operations.deferred;
+}
+
+fn world_line(pose: &InstrumentPose, blade: &Blade) -> WorldLine {
+    WorldLine { tip: pose.now.transform_point(blade.tip).as_dvec3(), heel: pose.now.transform_point(blade.heel).as_dvec3() }
+}
