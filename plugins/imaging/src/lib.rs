@@ -9,6 +9,7 @@ pub mod field;
 pub mod frame;
 mod lattice;
 pub mod nifti_file;
+pub mod phantom;
 pub mod pipeline;
 pub mod report;
 mod stencil;

@@ -188,6 +188,7 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
         parts,
         components,
         dropped_ml: stuffed.dropped_volume * 1e-3,
+        voids_filled_ml: stuffed.filled_volume * 1e-3,
         euler_characteristic,
         closed_manifold,
         unpinched: stuffed.unpinched,

@@ -47,6 +47,8 @@ pub struct Stuffed {
     pub tets: Vec<[u32; 4]>,
     /// Volume of separate bodies that were dropped.
     pub dropped_volume: f64,
+    /// Volume of enclosed voids that were filled.
+    pub filled_volume: f64,
     /// Lattice points that were not moved to the surface because two sheets would have met there.
     pub unpinched: usize,
 }
@@ -85,6 +87,8 @@ impl<'f> Stuffer<'f> {
     pub fn stuff(&self, level: f64, keep: Keep) -> Result<Stuffed, Unstuffed> {
         let (signs, mut settled) = self.signs(level)?;
         let mut unpinched = 0;
+        // A lattice point stands for half a cell.
+        let filled_volume = settled.len() as f64 * self.lattice.a.powi(3) / 2.0;
         for _ in 0..ROUNDS {
             let raw = self.cut_and_warp(level, signs.clone(), &settled);
             let (mut mesh, points) = raw.into_mesh(&self.lattice);
@@ -92,6 +96,7 @@ impl<'f> Stuffer<'f> {
             let pinched = topology::pinched(&mesh.nodes, &mesh.tets);
             if pinched.is_empty() {
                 mesh.unpinched = unpinched;
+                mesh.filled_volume = filled_volume;
                 return if mesh.tets.is_empty() { Err(Unstuffed::Nothing) } else { Ok(mesh) };
             }
             let before = settled.len();
