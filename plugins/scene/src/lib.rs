@@ -4,16 +4,17 @@
 //! relative to the file. [`load()`] gives the [`Scene`] with paths that can be opened; [`check()`] lists every problem with its line;
 //! [`starter::new_scene`] writes a scene that plays. Nothing here knows the engine's app.
 
-// pub mod check;
+pub mod check;
 pub mod error;
 pub mod format;
 pub mod load;
-// mod locate;
+mod locate;
 pub mod place;
-// pub mod section;
-// pub mod starter;
+mod rules;
+pub mod section;
+pub mod starter;
 
-// pub use check::{Problem, check};
+pub use check::{Problem, check};
 pub use error::SceneError;
 pub use format::*;
 pub use load::{load, parse};

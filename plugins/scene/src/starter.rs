@@ -1,0 +1,399 @@
+//! The starter: a commented scene, made for a mesh, that plays at once and whose demonstration resects the tumour.
+//!
+//! The organ is laid so that the piece to be freed hangs below its body and towards the viewer, under a plane that leans by
+//! [`LEAN_DEG`]; the end farthest from the piece is held. The port of the blade lies in the plane of the cut, so a blade on the shaft's
+//! axis sweeps that plane and nothing else while the shaft turns about its port. The freed piece falls away from the organ without a push.
+
+use crate::error::SceneError;
+use crate::format::Placement;
+use crate::section::{Fan, Plane, TUMOUR, resection_plane, section};
+use bevy_math::{DMat3, DQuat, DVec3};
+use keyhole_tetmesh::{MaterialId, TetMesh};
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Component, Path, PathBuf};
+
+/// Angle of the cut's plane from the horizontal, towards the viewer, degrees: enough for the endoscope to look into the cut, and flat
+/// enough that the piece falls clear.
+pub const LEAN_DEG: f64 = 25.0;
+
+/// From the port to the middle of the cut, m.
+const PORT_DISTANCE_M: f64 = 0.15;
+/// How far the blade reaches beyond the section on each side, m: the organ sags by a few millimetres.
+const OVERREACH_M: f64 = 0.012;
+/// Speed of the blade's middle through the organ, m/s.
+const SWEEP_M_S: f64 = 0.016;
+/// Share of the nodes that is held.
+const HELD: f64 = 0.2;
+/// Keyframes of the sweep.
+const SWEEP_KEYS: u32 = 9;
+
+/// What a starter is made of, in the world.
+struct Plan {
+    mesh: String,
+    placement: Placement,
+    fan: Fan,
+    hold_point: DVec3,
+    hold_normal: DVec3,
+    blade_m: f64,
+    /// Insertion at which the blade spans the section, m.
+    insertion_m: f64,
+    tip_radius_m: f64,
+    /// Angles of the fan at which the sweep starts and ends, rad.
+    sweep: (f64, f64),
+    /// Lowest and highest corner of the placed organ, m.
+    box_: (DVec3, DVec3),
+    materials: usize,
+}
+
+/// Writes a starter scene to `out` for the mesh of an organ (VTU; material 1 is the tumour). Without a mesh an ellipsoid with a tumour is
+/// written beside it, named as the scene with `.vtu`. Returns the files written. Nothing is ever overwritten.
+///
+/// # Errors
+/// [`SceneError::Exists`], [`SceneError::Write`], [`SceneError::Mesh`] for a mesh that cannot be read, [`SceneError::Unsuited`] for one
+/// through which no cut can be planned.
+pub fn new_scene(organ_mesh: Option<&Path>, out: &Path) -> Result<Vec<PathBuf>, SceneError> {
+    refuse_existing(out)?;
+    let mut written = Vec::new();
+    let file = match organ_mesh {
+        Some(file) => file.to_owned(),
+        None => {
+            let file = out.with_file_name(format!("{}.vtu", stem(out)));
+            refuse_existing(&file)?;
+            let write =
+                |e: keyhole_tetmesh::vtu::VtuError| SceneError::Write { path: file.clone(), source: std::io::Error::other(e.to_string()) };
+            keyhole_tetmesh::vtu::write(&file, &ellipsoid(), &[]).map_err(write)?;
+            written.push(file.clone());
+            file
+        }
+    };
+    let mesh = keyhole_tetmesh::vtu::read(&file).map_err(|e| SceneError::Mesh { organ: "organ".into(), what: e.to_string() })?;
+    let text = starter(&mesh, &file, &relative(&file, out), &stem(out))?;
+    write_new(out, &text)?;
+    written.push(out.to_owned());
+    Ok(written)
+}
+
+/// The text of a starter for a mesh that was read from `file` and that the scene calls `mesh_path`.
+///
+/// # Errors
+/// [`SceneError::Unsuited`] when no cut can be planned.
+pub fn starter(mesh: &TetMesh, file: &Path, mesh_path: &str, name: &str) -> Result<String, SceneError> {
+    let unsuited = || SceneError::Unsuited {
+        path: file.into(),
+        what: format!(
+            "no cut that frees a piece can be planned: expected an organ up to {:.0} cm across whose tumour, if there is one, is not at its middle; check that the mesh is in metres, or write the scene by hand",
+            200.0 * PORT_DISTANCE_M
+        ),
+    };
+    let plan = plan(mesh, mesh_path).ok_or_else(unsuited)?;
+    Ok(text(&plan, name))
+}
+
+fn plan(mesh: &TetMesh, mesh_path: &str) -> Option<Plan> {
+    let plane = resection_plane(mesh)?;
+    let local = Fan::of(&section(mesh, &plane), plane.normal, PORT_DISTANCE_M)?;
+    let (rotation, normal) = lay(&plane, &local);
+    let placement = rounded(Placement::new(rotation, -(rotation * local.centre)));
+    // Everything below is measured on the placed organ, so that the rounding of the placement does not matter.
+    let (rotation, place) = (placement.rotation(), |p: DVec3| placement.apply(p));
+    let fan = Fan { centre: place(local.centre), blade: rotation * local.blade, sweep: rotation * local.sweep, ..local };
+    let placed: Vec<DVec3> = mesh.nodes().map(|n| place(mesh.rest(n))).collect();
+    let box_ = placed.iter().map(|p| (*p, *p)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+    let mut depth: Vec<f64> = placed.iter().map(|p| -normal.dot(*p)).collect();
+    depth.sort_by(|a, b| b.total_cmp(a));
+    let held = *depth.get((HELD * depth.len() as f64) as usize)?;
+    let margin = OVERREACH_M / PORT_DISTANCE_M;
+    Some(Plan {
+        mesh: mesh_path.into(),
+        placement,
+        hold_point: -normal * held,
+        hold_normal: -normal,
+        blade_m: fan.radius.1 - fan.radius.0 + 2.0 * OVERREACH_M,
+        insertion_m: fan.radius.0 - OVERREACH_M,
+        tip_radius_m: fan.radius.1 + OVERREACH_M,
+        sweep: (fan.angle.0 - margin, fan.angle.1 + margin),
+        box_,
+        materials: mesh.iter().map(|(t, _)| usize::from(mesh.tet(t).material.0) + 1).max().unwrap_or(1),
+        fan,
+    })
+}
+
+/// The rotation that lays an organ for its cut: the piece down and to the viewer, the blade's port to the right, above, in front. With it
+/// the plane's normal in the world.
+fn lay(plane: &Plane, fan: &Fan) -> (DQuat, DVec3) {
+    let (sin, cos) = LEAN_DEG.to_radians().sin_cos();
+    let normal = DVec3::new(0.0, -cos, sin);
+    let uphill = DVec3::new(0.0, sin, cos);
+    let blade = -(0.8 * DVec3::X + 0.6 * uphill);
+    let world = DMat3::from_cols(normal, blade, normal.cross(blade));
+    let mesh = DMat3::from_cols(plane.normal, fan.blade, plane.normal.cross(fan.blade));
+    (DQuat::from_mat3(&(world * mesh.transpose())), normal)
+}
+
+/// As it will be read back: micrometres and ten thousandths of a degree.
+fn rounded(p: Placement) -> Placement {
+    Placement { translation: p.translation.map(|x| (x * 1e6).round() / 1e6), rotation_deg: p.rotation_deg.map(|x| (x * 1e4).round() / 1e4) }
+}
+
+fn text(plan: &Plan, name: &str) -> String {
+    let point = |p: DVec3| format!("({:.4}, {:.4}, {:.4})", clean(p.x), clean(p.y), clean(p.z));
+    let Plan { fan, box_, .. } = plan;
+    let centre = fan.centre;
+    let port = fan.port();
+    // The left hand and the endoscope come from the other side and from between the hands.
+    let left_port = centre + 0.15 * DVec3::new(-0.72, 0.38, 0.58).normalize();
+    let scope_port = centre + 0.16 * DVec3::new(0.02, 0.42, 0.9).normalize();
+    let rest = DVec3::new(box_.0.x - 0.015, centre.y + 0.01, box_.1.z + 0.005);
+    let (mut hook, sweep_end) = (String::new(), 2.0 + (plan.sweep.1 - plan.sweep.0) * fan.port_distance / SWEEP_M_S);
+    let mut key = |time: f64, tip: DVec3, active: bool, note: &str| {
+        let pedal = if active { ", active: true" } else { "" };
+        let _ = writeln!(hook, "                    (time_s: {time:.2}, tip: {}{pedal}),{note}", point(tip));
+    };
+    key(0.0, fan.at(plan.insertion_m, plan.sweep.0 - 0.12), false, " // waits beside the organ");
+    key(1.4, fan.at(plan.tip_radius_m, plan.sweep.0), false, " // reaches behind it");
+    for k in 0..SWEEP_KEYS {
+        let f = f64::from(k) / f64::from(SWEEP_KEYS - 1);
+        let (time, angle) = (2.0 + f * (sweep_end - 2.0), plan.sweep.0 + f * (plan.sweep.1 - plan.sweep.0));
+        let note = if k == 0 {
+            " // cuts"
+        } else if k + 1 == SWEEP_KEYS {
+            " // has left"
+        } else {
+            ""
+        };
+        key(time, fan.at(plan.tip_radius_m, angle), k + 1 < SWEEP_KEYS, note);
+    }
+    key(sweep_end + 1.5, fan.at(plan.tip_radius_m, plan.sweep.1 + 0.05), false, "");
+    let seconds = sweep_end + 2.0;
+    let materials = materials(plan.materials);
+    let (hold_point, hold_normal) = (point(plan.hold_point), point(plan.hold_normal));
+    let [tx, ty, tz] = plan.placement.translation;
+    let [rx, ry, rz] = plan.placement.rotation_deg;
+    let (translation, rotation) = (format!("({tx:.6}, {ty:.6}, {tz:.6})"), format!("({rx:.4}, {ry:.4}, {rz:.4})"));
+    let eye = centre + DVec3::new(0.06, 0.13, 0.42);
+    format!(
+        r#"// A scene of Keyhole. `keyhole scene check` finds mistakes; `keyhole play` shows it; `keyhole run` performs the demonstration.
+// Lengths are metres, angles degrees, the world is right-handed with Y up. Paths are relative to this file.
+(
+    version: 1,
+    name: "{name}",
+    description: "Resection of the tumour in one sweep of the blade.",
+    gravity: (0.0, -9.81, 0.0), // m/s2
+
+    organs: [
+        (
+            name: "kidney",
+            mesh: "{mesh}",
+            // One entry for each material of the mesh, in order. Colours are linear RGB.
+            materials: [
+{materials}            ],
+            // Baked into the rest shape. The piece to be freed lies below the organ's body, leaning to the viewer, so that it falls clear.
+            transform: (translation: {translation}, rotation_deg: {rotation}),
+            // What holds the organ: a fifth of its nodes, farthest from the cut. Compliance in m/N; 0 holds rigidly.
+            attachments: [
+                (region: HalfSpace(point: {hold_point}, normal: {hold_normal}), compliance_m_n: 0.0),
+            ],
+        ),
+    ],
+
+    // Surfaces that are only seen: (name: "bone", path: "bone.glb", colour: (0.8, 0.75, 0.6)),
+    anatomy: [],
+
+    ports: [
+        // In the plane of the cut: turning about it, the shaft keeps the blade in that plane.
+        (name: "right", position: {port}, inward: {inward}),
+        (name: "left", position: {left_port}, inward: {left_inward}),
+        (name: "optic", position: {scope_port}, inward: {scope_inward}),
+    ],
+    instruments: [
+        // The blade is longer than the organ is thick where it cuts: one sweep goes right through.
+        (kind: Hook, hand: Right, port: "right", insertion_m: {insertion:.4}, blade_length_m: {blade:.4}),
+        (kind: Grasper, hand: Left, port: "left", insertion_m: 0.06),
+    ],
+    endoscope: (port: "optic", direction_of_view_deg: 30.0, angle_of_view_deg: 70.0, insertion_m: 0.05),
+
+    cut: (method: Hybrid, hull: Minimal, core: Minimal, snap: 0.2),
+    tissue: (substeps: 10),
+
+    demonstration: (
+        seconds: {seconds:.2},
+        hands: [
+            (
+                hand: Right,
+                keys: [
+{hook}                ],
+            ),
+            (
+                hand: Left,
+                keys: [
+                    (time_s: 0.00, tip: {rest}),
+                    (time_s: 2.00, tip: {near}),
+                    (time_s: 3.00, tip: {near}, grip: 1.0),
+                ],
+            ),
+        ],
+        view: [
+            (time_s: 0.00, target: {centre}, distance_m: 0.1150),
+            (time_s: {sweep_end:.2}, target: {below}, distance_m: 0.1000),
+        ],
+    ),
+    views: (global: (eye: {eye}, target: {centre})),
+)
+"#,
+        mesh = plan.mesh.escape_default(),
+        name = name.escape_default(),
+        port = point(port),
+        inward = point(fan.blade),
+        left_port = point(left_port),
+        left_inward = point((centre - left_port).normalize()),
+        scope_port = point(scope_port),
+        scope_inward = point((centre - scope_port).normalize()),
+        insertion = plan.insertion_m,
+        blade = plan.blade_m,
+        rest = point(rest + DVec3::new(-0.015, 0.0, 0.015)),
+        near = point(rest),
+        centre = point(centre),
+        below = point(centre + DVec3::new(0.0, -0.008, 0.0)),
+        eye = point(eye),
+    )
+}
+
+/// No negative zero in the text.
+fn clean(x: f64) -> f64 {
+    (x * 1e4).round() / 1e4 + 0.0
+}
+
+/// Kidney after magnetic resonance elastography (14.7 kPa, doi 10.1002/jmri.22670); a tumour is several times stiffer.
+fn materials(count: usize) -> String {
+    let mut text = String::new();
+    for id in 0..count {
+        let (name, young, inside, surface) = match id {
+            0 => ("kidney".into(), 14_700, "(0.55, 0.10, 0.08)", "(0.45, 0.13, 0.10)"),
+            1 => ("tumour".into(), 40_000, "(0.80, 0.62, 0.36)", "(0.72, 0.50, 0.30)"),
+            _ => (format!("material {id}"), 14_700, "(0.60, 0.30, 0.25)", "(0.50, 0.30, 0.25)"),
+        };
+        let _ = writeln!(text, "                (");
+        let _ = writeln!(text, "                    name: \"{name}\",");
+        let _ = writeln!(text, "                    young_modulus_pa: {young}.0, poisson_ratio: 0.45, density_kg_m3: 1050.0,");
+        let _ = writeln!(text, "                    inside: {inside}, surface: {surface},");
+        let _ = writeln!(text, "                ),");
+    }
+    text
+}
+
+/// The file's name without `.scene.ron` or `.ron`.
+fn stem(path: &Path) -> String {
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = name.strip_suffix(".ron").unwrap_or(&name);
+    stem.strip_suffix(".scene").unwrap_or(stem).to_owned()
+}
+
+/// How a scene at `scene` names the file `asset`: relative to its folder where both can be resolved.
+fn relative(asset: &Path, scene: &Path) -> String {
+    let folder = scene.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let (Ok(asset_full), Ok(folder)) = (asset.canonicalize(), folder.canonicalize()) else {
+        return asset.to_string_lossy().into_owned();
+    };
+    let (to, from): (Vec<Component>, Vec<Component>) = (asset_full.components().collect(), folder.components().collect());
+    let common = to.iter().zip(&from).take_while(|(a, b)| a == b).count();
+    let up = std::iter::repeat_n("..".to_owned(), from.len() - common);
+    let down = to[common..].iter().map(|c| c.as_os_str().to_string_lossy().into_owned());
+    up.chain(down).collect::<Vec<_>>().join("/")
+}
+
+fn refuse_existing(path: &Path) -> Result<(), SceneError> {
+    if path.symlink_metadata().is_ok() { Err(SceneError::Exists { path: path.into() }) } else { Ok(()) }
+}
+
+fn write_new(path: &Path, text: &str) -> Result<(), SceneError> {
+    let write = |source| SceneError::Write { path: path.into(), source };
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut file = tempfile::Builder::new().prefix(".keyhole-").tempfile_in(folder).map_err(write)?;
+    file.write_all(text.as_bytes()).map_err(write)?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644)).map_err(write)?;
+    }
+    file.persist_noclobber(path).map(|_| ()).map_err(|e| match e.error.kind() {
+        std::io::ErrorKind::AlreadyExists => SceneError::Exists { path: path.into() },
+        _ => write(e.error),
+    })
+}
+
+/// An organ for scenes that bring none: an ellipsoid of 11 x 6 x 5.4 cm in shells of a subdivided icosahedron, with a tumour near one end.
+#[must_use]
+pub fn ellipsoid() -> TetMesh {
+    const SHELLS: u32 = 6;
+    let size = DVec3::new(0.055, 0.030, 0.027);
+    let (directions, faces) = icosphere(2);
+    let per_shell = directions.len() as u32;
+    let mut nodes = vec![DVec3::ZERO];
+    for shell in 1..=SHELLS {
+        nodes.extend(directions.iter().map(|d| *d * size * (f64::from(shell) / f64::from(SHELLS))));
+    }
+    let node = |shell: u32, i: u32| 1 + (shell - 1) * per_shell + i;
+    let mut tets = Vec::new();
+    for mut face in faces {
+        tets.push([0, node(1, face[0]), node(1, face[1]), node(1, face[2])]);
+        // A prism is split by its corners in ascending order, so that neighbours split their common side alike.
+        face.sort_unstable();
+        for shell in 1..SHELLS {
+            let [a, b, c] = face.map(|i| node(shell, i));
+            let [d, e, f] = face.map(|i| node(shell + 1, i));
+            tets.extend([[a, b, c, f], [a, b, e, f], [a, d, e, f]]);
+        }
+    }
+    for t in &mut tets {
+        let [a, b, c, d] = t.map(|i| nodes[i as usize]);
+        if (b - a).dot((c - a).cross(d - a)) < 0.0 {
+            t.swap(2, 3);
+        }
+    }
+    let tumour = DVec3::new(0.036, 0.006, 0.004);
+    let middle = |t: &[u32; 4]| t.iter().map(|i| nodes[*i as usize]).sum::<DVec3>() / 4.0;
+    let materials: Vec<MaterialId> = tets.iter().map(|t| if middle(t).distance(tumour) < 0.014 { TUMOUR } else { MaterialId(0) }).collect();
+    TetMesh::new(nodes, &tets, &materials)
+}
+
+/// Directions and faces of an icosahedron whose faces are each split in four, `times` times.
+fn icosphere(times: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let golden = (1.0 + 5f64.sqrt()) / 2.0;
+    let mut points: Vec<DVec3> = Vec::new();
+    for (a, b) in [(-1.0, golden), (1.0, golden), (-1.0, -golden), (1.0, -golden)] {
+        points.extend([DVec3::new(a, b, 0.0), DVec3::new(0.0, a, b), DVec3::new(b, 0.0, a)]);
+    }
+    let edge = 2.0;
+    let near = |i: usize, j: usize| (points[i].distance(points[j]) - edge).abs() < 1e-9 * edge;
+    let mut faces = Vec::new();
+    for i in 0..12 {
+        for j in i + 1..12 {
+            for k in j + 1..12 {
+                if near(i, j) && near(j, k) && near(i, k) {
+                    faces.push([i as u32, j as u32, k as u32]);
+                }
+            }
+        }
+    }
+    for p in &mut points {
+        *p = p.normalize();
+    }
+    for _ in 0..times {
+        let mut middles = std::collections::BTreeMap::new();
+        let mut middle = |a: u32, b: u32| {
+            *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                points.push((points[a as usize] + points[b as usize]).normalize());
+                points.len() as u32 - 1
+            })
+        };
+        faces = faces
+            .iter()
+            .flat_map(|&[a, b, c]| {
+                let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+                [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+            })
+            .collect();
+    }
+    (points, faces)
+}
