@@ -12,7 +12,8 @@ use bevy_input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseBut
 use bevy_math::Vec2;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, Endoscope, Hand, Instrument, InstrumentPose, Jaws, KeyMap, Port, SceneRequirements, SimulationControl, TickSystems,
+    Blade, Endoscope, Hand, Instrument, InstrumentPose, Jaws, KeyMap, PointerClaims, Port, SceneRequirements, SimulationControl,
+    TickSystems,
 };
 
 /// Pixels of a touchpad's scroll that count as one notch of a wheel.
@@ -70,7 +71,9 @@ fn gather_input(
     buttons: Option<Res<ButtonInput<MouseButton>>>,
     motion: Option<Res<AccumulatedMouseMotion>>,
     scroll: Option<Res<AccumulatedMouseScroll>>,
+    claims: Option<Res<PointerClaims>>,
 ) {
+    let claimed = claims.is_some_and(|c| c.any());
     let key = |k: KeyCode| keys.as_ref().is_some_and(|keys| keys.pressed(k));
     let button = |b: MouseButton| buttons.as_ref().is_some_and(|buttons| buttons.pressed(b));
     if keys.as_ref().is_some_and(|keys| keys.just_pressed(KeyCode::Tab)) {
@@ -82,7 +85,11 @@ fn gather_input(
         (true, true) => Moved::EndoscopeRoll,
     };
     input.roll = f32::from(u8::from(key(KeyCode::KeyE))) - f32::from(u8::from(key(KeyCode::KeyQ)));
-    input.squeezed = button(MouseButton::Left);
+    // A squeeze that began on the tissue goes on over the HUD; one that begins there is a click.
+    input.squeezed = button(MouseButton::Left) && (input.squeezed || !claimed);
+    if claimed {
+        return;
+    }
     // The window's y points down.
     let motion = motion.map_or(Vec2::ZERO, |m| Vec2::new(m.delta.x, -m.delta.y));
     let notches = scroll.map_or(0.0, |s| match s.unit {
@@ -236,6 +243,19 @@ mod tests {
         app.update();
         assert_eq!(pose(&app, right).now, held);
         assert_ne!(pose(&app, left).now, at_rest[1]);
+    }
+
+    #[test]
+    fn a_mouse_that_somebody_else_wants_moves_nothing_and_squeezes_nothing() {
+        let (mut app, [right, _, _]) = theatre();
+        let mut buttons = ButtonInput::<MouseButton>::default();
+        buttons.press(MouseButton::Left);
+        app.insert_resource(AccumulatedMouseMotion { delta: Vec2::new(10.0, 5.0) });
+        app.insert_resource(PointerClaims { hud: true, camera: false }).insert_resource(buttons);
+        let at_rest = pose(&app, right).now;
+        app.update();
+        assert_eq!(pose(&app, right).now, at_rest);
+        assert!(!app.world().get::<Blade>(right).unwrap().active);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! [`starter::new_scene`] writes a scene that plays. Nothing here knows the engine's app.
 
 pub mod check;
+pub mod ellipsoid;
 pub mod error;
 pub mod format;
 pub mod load;

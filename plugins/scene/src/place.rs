@@ -193,7 +193,7 @@ mod tests {
             let (p, move_by) = (DVec3::from(p), DVec3::new(0.01, -0.2, 0.3));
             let placement = Placement::new(rotation, move_by);
             prop_assert!(placement.apply(p).distance(rotation * p + move_by) < 1e-6);
-            prop_assert!((Vec3::from(placement.isometry() * p.as_vec3()).as_dvec3()).distance(placement.apply(p)) < 1e-6);
+            prop_assert!((placement.isometry() * p.as_vec3()).as_dvec3().distance(placement.apply(p)) < 1e-6);
         }
     }
 

@@ -241,7 +241,7 @@ impl Rules {
 
     fn demonstration(&mut self, scene: &Scene, demonstration: &Demonstration) {
         let seconds = demonstration.seconds;
-        if !seconds.is_finite() || !(seconds > 0.0 && seconds <= 3600.0) {
+        if !(f64::MIN_POSITIVE..=3600.0).contains(&seconds) {
             self.say("demonstration.seconds", format!("{seconds} is out of range: expected more than 0 and up to 3600 s"));
         }
         let mut hands = Vec::new();

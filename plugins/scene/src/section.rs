@@ -146,7 +146,7 @@ pub fn extent(points: &[DVec3], direction: DVec3) -> Option<(f64, f64)> {
 #[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 mod tests {
     use super::*;
-    use crate::starter::ellipsoid;
+    use crate::ellipsoid::ellipsoid;
 
     #[test]
     fn the_plane_leaves_the_tumour_with_its_margin_in_the_piece() {

@@ -2,7 +2,8 @@
 #![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
 use keyhole_scene::check::check_text;
-use keyhole_scene::starter::{ellipsoid, new_scene};
+use keyhole_scene::ellipsoid::ellipsoid;
+use keyhole_scene::starter::new_scene;
 use keyhole_scene::{Scene, SceneError, SceneHand, check, load, parse};
 use proptest::prelude::*;
 use std::path::{Path, PathBuf};
