@@ -74,7 +74,8 @@ pub fn adopt(body: &mut Body, state: &mut TissueState, mesh: &TetMesh, delta: &T
         body.elements.resize(mesh.tet_slots(), Element::VACANT);
     }
     for tet in &delta.removed {
-        if let Some(element) = body.elements.get_mut(tet.index()) {
+        if let Some(element) = body.elements.get_mut(tet.index()).filter(|e| !e.is_empty()) {
+            body.graph.remove(tet.index(), element.nodes);
             *element = Element::VACANT;
         }
         body.colouring.remove(*tet);
@@ -83,9 +84,8 @@ pub fn adopt(body: &mut Body, state: &mut TissueState, mesh: &TetMesh, delta: &T
         body.elements[tet.index()] = body.element(mesh, *tet);
     }
     for added in &delta.added {
-        // A slot may be freed and used again within one merged delta.
-        body.colouring.remove(added.tet);
         body.elements[added.tet.index()] = body.element(mesh, added.tet);
+        body.graph.insert(added.tet.index(), added.nodes.map(|n| n.0));
         body.colouring.insert(added.tet, added.nodes, mesh.topology());
     }
     for node in &touched {

@@ -2,10 +2,11 @@
 
 use crate::colouring::Colouring;
 use crate::element::Element;
+use crate::graph::EdgeGraph;
 use crate::hold::Hold;
 use crate::material::{MaterialError, NeoHookean};
 use crate::settings::{Solver, TissueSettings};
-use crate::xpbd;
+use crate::{semi_implicit, xpbd};
 use bevy_math::{DVec3, Vec3};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
@@ -19,6 +20,8 @@ pub struct Body {
     pub(crate) masses: Vec<f32>,
     /// Elements by colour.
     pub(crate) colouring: Colouring,
+    /// Edges of the elements.
+    pub(crate) graph: EdgeGraph,
     /// Constants and density (kg/m3) by material id.
     materials: Vec<(NeoHookean, f64)>,
 }
@@ -75,6 +78,7 @@ impl Body {
         for (tet, corners) in mesh.iter() {
             body.elements[tet.index()] = body.element(mesh, tet);
             body.colouring.insert(tet, corners, mesh.topology());
+            body.graph.insert(tet.index(), corners.map(|n| n.0));
         }
         for node in mesh.nodes() {
             body.lump(mesh, node);
@@ -105,6 +109,7 @@ impl Body {
     pub fn step_safely(&self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) -> Option<NodeId> {
         let last = state.positions.clone();
         match settings.solver {
+            Solver::SemiImplicit => semi_implicit::step(self, state, holds, gravity, dt, settings),
             Solver::Xpbd => xpbd::step(self, state, holds, gravity, dt, settings),
         }
         let finite = |(x, v): (&Vec3, &Vec3)| x.is_finite() && v.is_finite();

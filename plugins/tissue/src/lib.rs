@@ -3,10 +3,14 @@
 pub mod adopt;
 pub mod body;
 pub mod colouring;
+pub mod conjugate;
 pub mod element;
+pub mod graph;
 pub mod hold;
 pub mod material;
+pub mod metric;
 pub mod plugin;
+pub mod semi_implicit;
 pub mod settings;
 pub mod xpbd;
 

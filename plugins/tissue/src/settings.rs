@@ -2,28 +2,39 @@
 
 use bevy_ecs::prelude::*;
 
-/// Which model steps the tissue.
+/// Which method steps the tissue. Both have the same energy, elements and masses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Solver {
-    /// Extended position-based dynamics with small steps: see [`crate::xpbd`].
+    /// Symplectic Euler with raised inertia: the equilibrium is that of the mesh at any number of substeps. See [`crate::semi_implicit`].
     #[default]
+    SemiImplicit,
+    /// Extended position-based dynamics with small steps: softer than the material where substeps are few or the material is stiff. See
+    /// [`crate::xpbd`].
     Xpbd,
 }
 
 /// How tissue is stepped. Written by the scene or the command line.
 #[derive(Resource, Clone, Copy, Debug, PartialEq)]
 pub struct TissueSettings {
-    /// The model.
+    /// The method. Default [`Solver::SemiImplicit`].
     pub solver: Solver,
-    /// Substeps of one tick; 0 counts as 1. Default: see the table in the crate's documentation.
+    /// Substeps of one tick; 0 counts as 1. Default 4: see the table in the crate's documentation. [`Solver::Xpbd`] wants 20 to 40.
     pub substeps: u32,
-    /// Rate at which every velocity decays, 1/s, as in a viscous fluid around the organ (the mass-proportional part of Rayleigh damping: a
-    /// mode of angular frequency w has damping ratio `drag / 2w`). Default 0: an organ in vacuum keeps its momentum.
+    /// Rate at which every velocity decays, 1/s, as in a viscous fluid around the organ: the mass-proportional part of Rayleigh damping, a
+    /// mode of angular frequency w has damping ratio `drag / 2w`. It takes momentum. Default 0.
     pub drag_1_s: f32,
+    /// Viscosity of the tissue as a time, s: the stiffness-proportional part of Rayleigh damping, a mode of angular frequency w has damping
+    /// ratio `viscosity w / 2`; it takes no momentum. [`Solver::SemiImplicit`] uses at least a quarter of a substep; [`Solver::Xpbd`] has no
+    /// other damping than that of its steps and ignores it. Default 2 ms.
+    pub viscosity_s: f32,
+    /// Share of the residual at which conjugate gradients stop, for [`Solver::SemiImplicit`]. No equilibrium depends on it. Default 0.1.
+    pub tolerance: f32,
+    /// Most iterations of conjugate gradients a substep. Default 50.
+    pub iterations: u32,
 }
 
 impl Default for TissueSettings {
     fn default() -> Self {
-        Self { solver: Solver::default(), substeps: 20, drag_1_s: 0.0 }
+        Self { solver: Solver::default(), substeps: 4, drag_1_s: 0.0, viscosity_s: 0.002, tolerance: 0.1, iterations: 50 }
     }
 }
