@@ -1,0 +1,75 @@
+//! The command line: one file a subcommand. What a command prints, where it writes and how it fails is said in each.
+
+pub mod failure;
+pub mod play;
+pub mod run;
+pub mod scene;
+
+pub use failure::Failure;
+
+use clap::{Parser, Subcommand, ValueEnum};
+use keyhole_whiteboard::CutMethod;
+
+/// Keyhole, an open laparoscopic surgery simulator.
+#[derive(Debug, Parser)]
+#[command(name = "keyhole", version, about, propagate_version = true)]
+pub struct Cli {
+    /// Without one: the default scene in a window, or without a display its demonstration with a report.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+/// What can be asked for.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Play a scene in a window.
+    Play(play::PlayArgs),
+    /// Perform a scene's demonstration without a window.
+    Run(run::RunArgs),
+    /// Check a scene or start a new one.
+    Scene(scene::SceneArgs),
+}
+
+/// When a cut becomes effective.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum MethodArg {
+    /// The hull at once, the core once the blade has left.
+    Hybrid,
+    /// Everything at once.
+    Progressive,
+    /// Everything once the blade has left.
+    NonProgressive,
+}
+
+impl From<MethodArg> for CutMethod {
+    fn from(method: MethodArg) -> Self {
+        match method {
+            MethodArg::Hybrid => Self::Hybrid,
+            MethodArg::Progressive => Self::Progressive,
+            MethodArg::NonProgressive => Self::NonProgressive,
+        }
+    }
+}
+
+/// Does what the arguments ask for.
+///
+/// # Errors
+/// The command's failure, with its message and exit status.
+pub fn run(cli: Cli) -> Result<(), Failure> {
+    log_to_terminal();
+    match cli.command {
+        None => play::default_scene(),
+        Some(Command::Play(args)) => play::run(args),
+        Some(Command::Run(args)) => run::run(args),
+        Some(Command::Scene(args)) => scene::run(&args),
+    }
+}
+
+/// Warnings and errors go to standard error; `RUST_LOG` asks for more.
+fn log_to_terminal() {
+    use tracing_subscriber::EnvFilter;
+    let quiet = || EnvFilter::new("warn,wgpu=error,naga=error,calloop=error,bevy_winit=error,bevy_render=error");
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| quiet());
+    // A second command in one process finds the log set up already.
+    drop(tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().try_init());
+}

@@ -1,0 +1,143 @@
+//! `keyhole run`: a scene performed without a window.
+
+use crate::cli::{Failure, MethodArg};
+use crate::perform::{Outcome, PerformError, Performance, perform};
+use crate::report::folder::Folder;
+use crate::theatre::Theatre;
+use indicatif::{ProgressBar, ProgressStyle};
+use keyhole_view::adapter_available;
+use keyhole_whiteboard::CutMethod;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `keyhole run`.
+#[derive(Debug, clap::Args)]
+pub struct RunArgs {
+    /// The scene.
+    pub scene: PathBuf,
+    /// Simulated time, s; without it the demonstration's length.
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub seconds: Option<f64>,
+    /// Save both views ten times a simulated second as PNG in this folder, which must not be there or be empty.
+    #[arg(long, value_name = "DIR")]
+    pub frames: Option<PathBuf>,
+    /// Leave a report in this folder, which must not be there or be empty.
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
+    /// Another release policy than the scene's.
+    #[arg(long, value_enum)]
+    pub method: Option<MethodArg>,
+    /// Number of threads; the result does not depend on it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+/// What a run is to leave behind, and how.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Wanted {
+    pub seconds: Option<f64>,
+    pub frames: Option<PathBuf>,
+    pub report: Option<PathBuf>,
+    pub method: Option<CutMethod>,
+    pub threads: Option<usize>,
+}
+
+/// Performs a scene and prints a summary.
+///
+/// # Errors
+/// Status 2 for a scene that is not as it should be or a folder that is in use; status 1 when the performance fails.
+pub fn run(args: RunArgs) -> Result<(), Failure> {
+    let theatre = Theatre::load(&args.scene).map_err(Failure::input)?;
+    let wanted = Wanted {
+        seconds: args.seconds,
+        frames: args.frames,
+        report: args.report,
+        method: args.method.map(Into::into),
+        threads: args.threads.map(usize::from),
+    };
+    with_report(theatre, &wanted)
+}
+
+/// Performs a theatre, leaves what is wanted and prints a summary.
+pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failure> {
+    if let Some(threads) = wanted.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().map_err(Failure::job)?;
+    }
+    let begin = |place: &PathBuf| {
+        Folder::begin(place).map_err(|e| Failure::input(format!("{}: {e}", place.display()))).map(|folder| (folder, place.clone()))
+    };
+    let report = wanted.report.as_ref().map(begin).transpose()?;
+    let frames = wanted.frames.as_ref().map(begin).transpose()?;
+    let adapter = adapter_available();
+    if frames.is_some()
+        && let Err(why) = adapter
+    {
+        return Err(Failure::job(why));
+    }
+    let pictures = match (&report, &adapter) {
+        (Some((folder, _)), Ok(_)) => {
+            let pictures = folder.path().join("pictures");
+            std::fs::create_dir(&pictures).map_err(Failure::job)?;
+            Some(pictures)
+        }
+        _ => None,
+    };
+    let performance = Performance {
+        seconds: wanted.seconds,
+        method: wanted.method,
+        threads: wanted.threads,
+        pictures,
+        frames: frames.as_ref().map(|(folder, _)| folder.path().to_owned()),
+    };
+    let bar = progress_bar();
+    let outcome = perform(theatre, &performance, |tick, ticks| {
+        bar.set_length(ticks);
+        bar.set_position(tick);
+    });
+    bar.finish_and_clear();
+    let mut outcome = outcome.map_err(|e| match e {
+        PerformError::NothingToPerform => Failure::input(e),
+        PerformError::Picture(_) | PerformError::Fault { .. } => Failure::job(e),
+    })?;
+    outcome.summary.pictures = match adapter {
+        Ok(adapter) => format!("drawn with {adapter}"),
+        Err(why) => why.to_string(),
+    };
+    println!("{}", outcome.summary.markdown(&outcome.costs));
+    for (folder, place) in [frames].into_iter().flatten() {
+        folder.finish().map_err(|e| Failure::job(format!("{}: {e}", place.display())))?;
+    }
+    if let Some((folder, place)) = report {
+        let in_place = |e: std::io::Error| Failure::job(format!("{}: {e}", place.display()));
+        write(folder.path(), &outcome).map_err(in_place)?;
+        println!("Report: {}", folder.finish().map_err(in_place)?.display());
+    }
+    if outcome.summary.quarantined.is_empty() {
+        Ok(())
+    } else {
+        let organs = outcome.summary.quarantined.join(", ");
+        Err(Failure::job(format!("{organs}: left the finite numbers and was frozen; more substeps or a softer material may help")))
+    }
+}
+
+fn write(folder: &Path, outcome: &Outcome) -> std::io::Result<()> {
+    let json = serde_json::to_string_pretty(&outcome.summary)?;
+    std::fs::write(folder.join("summary.json"), json + "\n")?;
+    std::fs::write(folder.join("summary.md"), outcome.summary.markdown(&outcome.costs))
+}
+
+/// A bar on a terminal, nothing elsewhere.
+fn progress_bar() -> ProgressBar {
+    let bar = ProgressBar::new(0);
+    if let Ok(style) = ProgressStyle::with_template("{wide_bar} tick {pos} of {len}, {eta} left") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// A time of at least one tick and at most a day, s.
+pub(crate) fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(s) if s > 0.0 && s <= 86_400.0 => Ok(s),
+        _ => Err("expected a number of seconds above 0 and at most 86400".into()),
+    }
+}

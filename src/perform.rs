@@ -1,0 +1,101 @@
+//! A scene performed without a window: its demonstration from beginning to end, with a report and pictures where a renderer is found.
+
+use crate::report::{Recorder, Summary, cost::Costs};
+use crate::simulation::{Output, Settings, TICKS_PER_SECOND, faults, simulation};
+use crate::theatre::Theatre;
+use bevy::prelude::*;
+use keyhole_instruments::Script;
+use keyhole_view::{PictureError, PictureOf, PictureRequest, take_pictures};
+use keyhole_whiteboard::{CutMethod, Hand, ViewMode};
+use std::path::{Path, PathBuf};
+
+/// Ticks between two frames: ten frames a simulated second.
+const TICKS_PER_FRAME: u64 = TICKS_PER_SECOND as u64 / 10;
+
+/// What is performed and what is wanted of it.
+#[derive(Clone, Debug, Default)]
+pub struct Performance {
+    /// Simulated time, s; default the demonstration's length.
+    pub seconds: Option<f64>,
+    /// Another release policy than the scene's.
+    pub method: Option<CutMethod>,
+    /// Threads; default as many as there are cores.
+    pub threads: Option<usize>,
+    /// An existing folder for pictures of both views before, during and after the cut.
+    pub pictures: Option<PathBuf>,
+    /// An existing folder for frames of both views, ten a simulated second.
+    pub frames: Option<PathBuf>,
+}
+
+/// What came of it.
+#[derive(Debug)]
+pub struct Outcome {
+    /// The report.
+    pub summary: Summary,
+    /// What every tick cost.
+    pub costs: Costs,
+}
+
+/// Why a performance did not come to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum PerformError {
+    /// There is nothing to perform.
+    #[error("the scene has no demonstration: give --seconds to let it run by itself, or add a demonstration to it")]
+    NothingToPerform,
+    /// A picture could not be taken.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// A system of the simulation failed; the log says which.
+    #[error("a part of the simulation failed at tick {tick}: the message above says which and why")]
+    Fault {
+        /// The tick.
+        tick: u64,
+    },
+}
+
+/// Performs a theatre. `progress` is called after every tick with the number of the tick and of all ticks.
+///
+/// # Errors
+/// When there is nothing to perform, a picture fails, or a system fails.
+pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(u64, u64)) -> Result<Outcome, PerformError> {
+    let seconds = wanted.seconds.or(theatre.demonstration_s()).ok_or(PerformError::NothingToPerform)?;
+    let ticks = (seconds * TICKS_PER_SECOND).ceil().max(1.0) as u64;
+    let demonstration = !theatre.script.is_empty();
+    let shots = shots(&theatre.script, ticks);
+    let drawn = wanted.pictures.is_some() || wanted.frames.is_some();
+    let output = if drawn { Output::Pictures } else { Output::None };
+    let faults_before = faults();
+    let mut app = simulation(theatre, Settings { output, method: wanted.method, demonstration, threads: wanted.threads });
+    let mut recorder = Recorder::new(app.world_mut());
+    for tick in 1..=ticks {
+        app.update();
+        if faults() > faults_before {
+            return Err(PerformError::Fault { tick });
+        }
+        recorder.record(app.world_mut());
+        if let (Some(folder), Some((_, name))) = (&wanted.pictures, shots.iter().find(|(at, _)| *at == tick)) {
+            take_pictures(&mut app, both_views(folder, name))?;
+        }
+        if let Some(folder) = wanted.frames.as_ref().filter(|_| tick.is_multiple_of(TICKS_PER_FRAME)) {
+            take_pictures(&mut app, both_views(folder, &format!("{:05}", tick / TICKS_PER_FRAME)))?;
+        }
+        progress(tick, ticks);
+    }
+    Ok(Outcome { summary: recorder.summary(app.world_mut()), costs: recorder.costs().clone() })
+}
+
+/// The ticks at which pictures are taken: the first one, the middle of the time in which a pedal is down, and the last.
+fn shots(script: &Script, ticks: u64) -> [(u64, &'static str); 3] {
+    let active = |tick: &u64| {
+        let time_s = *tick as f64 / TICKS_PER_SECOND;
+        [Hand::Left, Hand::Right].into_iter().any(|hand| script.hand(hand, time_s).is_some_and(|key| key.active))
+    };
+    let cutting: Vec<u64> = (1..=ticks).filter(active).collect();
+    let middle = cutting.get(cutting.len() / 2).copied().unwrap_or(ticks / 2);
+    [(1, "1_before"), (middle.clamp(2, ticks.max(3) - 1), "2_during"), (ticks, "3_after")]
+}
+
+fn both_views(folder: &Path, name: &str) -> [PictureRequest; 2] {
+    [("global", ViewMode::Global), ("laparoscopic", ViewMode::Laparoscopic)]
+        .map(|(view, mode)| PictureRequest { path: folder.join(format!("{name}_{view}.png")), of: PictureOf::View(mode) })
+}

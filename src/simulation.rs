@@ -1,0 +1,135 @@
+//! The app: which plugins it has, around a theatre. `main`, tests and benches all build it here.
+
+use crate::spawn::{cut_settings, reset, spawn};
+use crate::theatre::Theatre;
+use bevy::app::TaskPoolThreadAssignmentPolicy;
+use bevy::ecs::error::{BevyError, ErrorContext};
+use bevy::log::LogPlugin;
+use bevy::prelude::*;
+use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
+use bevy::time::{TimePlugin, TimeUpdateStrategy};
+use bevy::window::ExitCondition;
+use bevy::winit::WinitPlugin;
+use keyhole_cutting::CuttingPlugin;
+use keyhole_hud::HudPlugin;
+use keyhole_instruments::{InstrumentsPlugin, ScriptClock};
+use keyhole_tissue::TissuePlugin;
+use keyhole_view::ViewPlugin;
+use keyhole_whiteboard::{CutMethod, SimulationControl, WhiteboardPlugin};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Ticks a simulated second.
+pub const TICKS_PER_SECOND: f64 = 60.0;
+
+/// Where the app shows what it does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Output {
+    /// Nowhere: no renderer at all. Each update is one tick.
+    #[default]
+    None,
+    /// Pictures on demand, without a window. Each update is one tick.
+    Pictures,
+    /// A window with a HUD; ticks follow the clock on the wall.
+    Window,
+}
+
+/// How a theatre is run.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Settings {
+    /// Where the app shows what it does.
+    pub output: Output,
+    /// Another release policy than the scene's.
+    pub method: Option<CutMethod>,
+    /// Whether the demonstration drives the instruments from the start.
+    pub demonstration: bool,
+    /// Threads of the app; default as many as there are cores.
+    pub threads: Option<usize>,
+}
+
+/// Systems that failed since the program started: a failure is logged and counted, and the simulation stops.
+static FAULTS: AtomicU64 = AtomicU64::new(0);
+
+/// Number of systems that failed since the program started.
+#[must_use]
+pub fn faults() -> u64 {
+    FAULTS.load(Ordering::Relaxed)
+}
+
+/// The app of a theatre, with everything spawned.
+///
+/// With [`Output::None`] and [`Output::Pictures`] it is finished and ready for `App::update`; with [`Output::Window`] for `App::run`.
+#[must_use]
+pub fn simulation(theatre: Theatre, settings: Settings) -> App {
+    let mut app = App::new();
+    add_engine(&mut app, settings);
+    app.set_error_handler(count_fault)
+        .insert_resource(Time::<Fixed>::from_hz(TICKS_PER_SECOND))
+        .add_plugins((WhiteboardPlugin, InstrumentsPlugin, CuttingPlugin, TissuePlugin))
+        .add_systems(First, (stop_on_fault, reset).chain());
+    match settings.output {
+        Output::None => {}
+        Output::Pictures => {
+            app.add_plugins(ViewPlugin::default());
+        }
+        Output::Window => {
+            app.add_plugins((ViewPlugin::default(), HudPlugin)).add_systems(Last, hand_over);
+        }
+    }
+    let mut cut = cut_settings(&theatre);
+    cut.method = settings.method.unwrap_or(cut.method);
+    app.insert_resource(cut);
+    app.world_mut().resource_mut::<SimulationControl>().demonstration = settings.demonstration;
+    spawn(app.world_mut(), &theatre);
+    app.insert_resource(theatre);
+    if settings.output != Output::Window {
+        app.insert_resource(TimeUpdateStrategy::FixedTimesteps(1));
+        app.finish();
+        app.cleanup();
+        // The clock's first update only starts it: no tick runs yet.
+        app.update();
+    }
+    app
+}
+
+fn add_engine(app: &mut App, settings: Settings) {
+    let pools = || TaskPoolPlugin { task_pool_options: pool_options(settings.threads) };
+    let nothing = WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
+    let window = Window { title: "Keyhole".into(), ..default() };
+    let engine = || DefaultPlugins.build().disable::<LogPlugin>().set(pools());
+    match settings.output {
+        Output::None => app.add_plugins((pools(), TimePlugin)),
+        Output::Pictures => app.add_plugins(engine().set(nothing).disable::<WinitPlugin>().disable::<PipelinedRenderingPlugin>()),
+        Output::Window => app.add_plugins(engine().set(WindowPlugin { primary_window: Some(window), ..default() })),
+    };
+}
+
+fn pool_options(threads: Option<usize>) -> TaskPoolOptions {
+    let Some(threads) = threads else { return TaskPoolOptions::default() };
+    let compute = TaskPoolThreadAssignmentPolicy { min_threads: threads, max_threads: threads, ..TaskPoolOptions::default().compute };
+    TaskPoolOptions { compute, ..TaskPoolOptions::with_num_threads(threads) }
+}
+
+fn count_fault(error: BevyError, context: ErrorContext) {
+    FAULTS.fetch_add(1, Ordering::Relaxed);
+    tracing::error!("{context}: {error}");
+}
+
+/// A system that failed once would fail again each tick: the simulation is paused.
+fn stop_on_fault(mut control: ResMut<SimulationControl>, mut seen: Local<u64>) {
+    let faults = faults();
+    if faults > *seen {
+        *seen = faults;
+        control.paused = true;
+    }
+}
+
+/// When the demonstration is over the trainee takes over; one that is started again begins at its beginning.
+fn hand_over(mut control: ResMut<SimulationControl>, mut clock: ResMut<ScriptClock>, mut performing: Local<bool>) {
+    if control.demonstration && *performing && clock.ticks > 0 && clock.finished() {
+        control.demonstration = false;
+    }
+    if control.demonstration && !*performing {
+        *clock = ScriptClock { end_s: clock.end_s, ..default() };
+    }
+    *performing = control.demonstration;
+}
