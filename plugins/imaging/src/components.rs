@@ -21,6 +21,15 @@ pub enum ComponentChoice {
     Seed(DVec3),
 }
 
+/// What becomes of a component that reaches the border of the volume.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Border {
+    /// An error: a part of the body is missing.
+    Refuse,
+    /// It ends there with a flat face.
+    Close,
+}
+
 /// One component of the labels.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct ComponentReport {
@@ -59,8 +68,12 @@ struct Runs {
 ///
 /// # Errors
 /// [`ImagingError::Empty`], [`ImagingError::NoComponent`], [`ImagingError::Seed`], [`ImagingError::Border`].
-pub fn choose(volume: &mut LabelVolume, choice: ComponentChoice) -> Result<(Vec<ComponentReport>, VoxelBox), ImagingError> {
-    let [nx, ny, nz] = volume.dims;
+pub fn choose(
+    volume: &mut LabelVolume,
+    choice: ComponentChoice,
+    at_border: Border,
+) -> Result<(Vec<ComponentReport>, VoxelBox), ImagingError> {
+    let [nx, ny, _] = volume.dims;
     let found = connect(&volume.parts, volume.dims, |v| v != 0);
     if found.count == 0 {
         return Err(ImagingError::Empty { what: volume.names.join(" + "), dims: volume.dims });
@@ -109,7 +122,9 @@ pub fn choose(volume: &mut LabelVolume, choice: ComponentChoice) -> Result<(Vec<
     for &c in &chosen {
         keep[c] = true;
         let s = &stats[c];
-        border(volume, s.bounds)?;
+        if at_border == Border::Refuse {
+            check_border(volume, s.bounds)?;
+        }
         let b = all.get_or_insert(s.bounds);
         *b = VoxelBox {
             min: std::array::from_fn(|a| b.min[a].min(s.bounds.min[a])),
@@ -140,7 +155,6 @@ pub fn choose(volume: &mut LabelVolume, choice: ComponentChoice) -> Result<(Vec<
             }
         })
         .collect();
-    debug_assert!(nz > 0);
     // `chosen` is never empty here, so there is a box.
     Ok((reports, all.unwrap_or(VoxelBox { min: [0; 3], max: [0; 3] })))
 }
@@ -197,7 +211,7 @@ impl Stats {
 }
 
 /// Refuses a box that reaches the border of the volume: what is beyond is unknown.
-fn border(volume: &LabelVolume, b: VoxelBox) -> Result<(), ImagingError> {
+fn check_border(volume: &LabelVolume, b: VoxelBox) -> Result<(), ImagingError> {
     const SIDES: [[&str; 2]; 3] = [["first x", "last x"], ["first y", "last y"], ["first z", "last z"]];
     for axis in 0..3 {
         let at = if b.min[axis] == 0 {

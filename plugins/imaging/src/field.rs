@@ -4,8 +4,10 @@ use crate::distance::{along_axis, signed_distance};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Standard deviation of the blur in voxels, on each axis.
+/// Standard deviation of the blur in voxels, on each axis, for bodies.
 pub const BLUR_VOXELS: f64 = 1.0;
+/// The same for surfaces that are only drawn: a vessel two voxels wide would dissolve under the wider blur.
+pub const THIN_BLUR_VOXELS: f64 = 0.6;
 
 /// A scalar on a straight grid, interpolated trilinearly; beyond the grid its border continues.
 #[derive(Clone, Debug)]
@@ -41,16 +43,16 @@ impl ScalarGrid {
         mix(plane(0), plane(stride[2]), t[2])
     }
 
-    /// Distance to the surface of a mask in mm, negative inside, blurred by [`BLUR_VOXELS`], shifted so that as many voxel centres are
+    /// Distance to the surface of a mask in mm, negative inside, blurred by `blur` voxels, shifted so that as many voxel centres are
     /// inside as the mask has voxels.
     #[must_use]
-    pub fn of_mask(dims: [usize; 3], spacing: DVec3, inside: impl Fn(usize) -> bool + Sync) -> Self {
+    pub fn of_mask(dims: [usize; 3], spacing: DVec3, blur: f64, inside: impl Fn(usize) -> bool + Sync) -> Self {
         let mut grid = Self { dims, spacing, values: signed_distance(dims, spacing, &inside) };
         let count = (0..grid.values.len()).filter(|i| inside(*i)).count();
         // Where there is nothing of the other kind the distance is infinite; the size of the grid stands for it.
         let far = (spacing * DVec3::from_array(dims.map(|d| d as f64))).length() as f32;
         grid.values.par_iter_mut().for_each(|v| *v = v.clamp(-far, far));
-        grid.blur(BLUR_VOXELS);
+        grid.blur(blur);
         grid.keep_volume(count);
         grid
     }
@@ -103,7 +105,7 @@ mod tests {
         let centre = DVec3::new(20.0, 20.0, 24.0);
         let at = |i: usize| DVec3::new((i % 50) as f64, (i / 50 % 40) as f64, (i / 2000) as f64) * spacing;
         let inside = |i: usize| at(i).distance(centre) < 12.0;
-        let grid = ScalarGrid::of_mask(dims, spacing, inside);
+        let grid = ScalarGrid::of_mask(dims, spacing, BLUR_VOXELS, inside);
         let count = (0..grid.values.len()).filter(|i| inside(*i)).count();
         assert_eq!(grid.values.iter().filter(|v| **v < 0.0).count(), count);
         for direction in [DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, -1.0, 0.5).normalize()] {

@@ -3,23 +3,34 @@
 //! An offline room: no engine, no schedule.
 
 pub mod components;
+pub mod decimate;
+pub mod dicom_file;
+pub mod dicom_seg;
+pub mod dicom_series;
+pub mod dicom_write;
 pub mod distance;
+pub mod drawn;
 pub mod error;
 pub mod field;
 pub mod frame;
+pub mod glb;
+pub mod input;
 mod lattice;
 pub mod nifti_file;
 pub mod phantom;
 pub mod pipeline;
+mod publish;
 pub mod report;
 mod stencil;
 pub mod stuffing;
+pub mod surface;
 pub mod surface_distance;
 mod topology;
 pub mod volume;
 
 pub use components::{ComponentChoice, ComponentReport};
 pub use error::ImagingError;
+pub use input::Selection;
 pub use pipeline::{Centring, MeshOptions, Stage};
 pub use report::MeshReport;
 pub use volume::{LabelChoice, LabelVolume};

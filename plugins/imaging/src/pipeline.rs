@@ -1,8 +1,8 @@
 //! From labels to tetrahedra in world metres.
 
-use crate::components::{self, ComponentChoice, ComponentReport};
+use crate::components::{self, Border, ComponentChoice, ComponentReport};
 use crate::error::ImagingError;
-use crate::field::ScalarGrid;
+use crate::field::{BLUR_VOXELS, ScalarGrid};
 use crate::frame;
 use crate::report::{MeshReport, PartReport, Seconds};
 use crate::stuffing::{Keep, Stuffed, Stuffer, Unstuffed};
@@ -83,9 +83,9 @@ pub struct Prepared {
 ///
 /// # Errors
 /// Those of [`components::choose`] and [`LabelVolume::check_geometry`].
-pub fn prepare(mut labels: LabelVolume, component: ComponentChoice, margin_mm: f64) -> Result<Prepared, ImagingError> {
+pub fn prepare(mut labels: LabelVolume, component: ComponentChoice, border: Border, margin_mm: f64) -> Result<Prepared, ImagingError> {
     labels.check_geometry()?;
-    let (found, bounds) = components::choose(&mut labels, component)?;
+    let (found, bounds) = components::choose(&mut labels, component, border)?;
     let mut body = labels.crop(bounds, margin_mm);
     drop(labels);
     let holes = components::close_holes(&mut body.parts, body.dims);
@@ -111,7 +111,7 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
 
     progress(Stage::Labels);
     // The surface moves by less than a voxel; a lattice point outside it is at most a cell away.
-    let Prepared { body, found, holes } = prepare(labels, options.component, 2.0 * voxel.max_element())?;
+    let Prepared { body, found, holes } = prepare(labels, options.component, Border::Refuse, 2.0 * voxel.max_element())?;
     let (min, max) = body.extent_mm().unwrap_or_default();
     let extent = max - min + voxel;
     let cells = ((extent + 4.0 * a) / a).element_product();
@@ -122,9 +122,9 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
     seconds.labels = lap();
 
     progress(Stage::Field);
-    let whole = ScalarGrid::of_mask(body.dims, body.spacing, |i| body.parts[i] != 0);
+    let whole = ScalarGrid::of_mask(body.dims, body.spacing, BLUR_VOXELS, |i| body.parts[i] != 0);
     let inner: Vec<ScalarGrid> =
-        (2..=names.len() as u8).map(|part| ScalarGrid::of_mask(body.dims, body.spacing, |i| body.parts[i] == part)).collect();
+        (2..=names.len() as u8).map(|part| ScalarGrid::of_mask(body.dims, body.spacing, BLUR_VOXELS, |i| body.parts[i] == part)).collect();
     seconds.field = lap();
 
     progress(Stage::Stuffing);

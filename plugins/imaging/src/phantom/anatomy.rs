@@ -66,7 +66,7 @@ fn at(l: f64, p: f64, s: f64) -> DVec3 {
 }
 
 fn union(shapes: Vec<Box<dyn Shape>>, blend: f64) -> Union {
-    Union { shapes, blend }
+    Union::new(shapes, blend)
 }
 
 fn tube(control: &[(DVec3, f64)]) -> Box<dyn Shape> {

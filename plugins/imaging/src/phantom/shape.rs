@@ -99,20 +99,40 @@ impl Shape for Tube {
 
 /// Several shapes as one, blended where they are closer than `blend` mm.
 pub struct Union {
-    /// The shapes.
-    pub shapes: Vec<Box<dyn Shape>>,
-    /// Width of the blend, mm.
-    pub blend: f64,
+    shapes: Vec<(Box<dyn Shape>, DVec3, DVec3)>,
+    blend: f64,
+}
+
+impl Union {
+    /// Of these shapes.
+    #[must_use]
+    pub fn new(shapes: Vec<Box<dyn Shape>>, blend: f64) -> Self {
+        let boxed = shapes.into_iter().map(|s| {
+            let (low, high) = s.bounds();
+            (s, low, high)
+        });
+        Self { shapes: boxed.collect(), blend }
+    }
 }
 
 impl Shape for Union {
     fn distance(&self, p: DVec3) -> f64 {
-        self.shapes.iter().map(|s| s.distance(p)).fold(f64::INFINITY, |a, b| if a.is_finite() { smooth_min(a, b, self.blend) } else { b })
+        let mut best = f64::INFINITY;
+        for (shape, low, high) in &self.shapes {
+            // A shape whose box is further away than the best by the blend changes nothing.
+            let away = p.distance_squared(p.clamp(*low, *high));
+            if best.is_infinite() {
+                best = shape.distance(p);
+            } else if away < (best + self.blend).max(0.0).powi(2) || away == 0.0 {
+                best = smooth_min(best, shape.distance(p), self.blend);
+            }
+        }
+        best
     }
 
     fn bounds(&self) -> (DVec3, DVec3) {
         let room = DVec3::splat(self.blend);
-        let all = self.shapes.iter().map(|s| s.bounds());
+        let all = self.shapes.iter().map(|(_, a, b)| (*a, *b));
         all.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), (a, b)| (low.min(a - room), high.max(b + room)))
     }
 }

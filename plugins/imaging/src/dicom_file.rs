@@ -1,0 +1,204 @@
+//! Opening DICOM files without trusting their lengths, and reading elements with errors that name them.
+
+use crate::error::ImagingError;
+use dicom_core::VR;
+use dicom_core::dictionary::{DataDictionary, DataDictionaryEntry};
+use dicom_core::header::Tag;
+use dicom_dictionary_std::{StandardDataDictionary, tags, uids};
+use dicom_object::{DefaultDicomObject, InMemDicomObject, OpenFileOptions};
+use std::path::Path;
+
+/// Nesting of sequences beyond which a file is refused: standard objects stay below ten, and the reader recurses.
+const MAX_DEPTH: usize = 32;
+/// "Undefined length".
+const UNDEFINED: u32 = u32::MAX;
+
+/// Whether the bytes are a DICOM file (PS3.10).
+#[must_use]
+pub fn is_dicom(head: &[u8]) -> bool {
+    head.get(128..132) == Some(b"DICM")
+}
+
+/// Opens a DICOM file after checking that every element lies within it: the parser allocates what a length declares.
+///
+/// # Errors
+/// Foreign, truncated and unreadable files; transfer syntaxes without pure Rust decoder, by name.
+pub fn open(path: &Path, read_pixels: Pixels) -> Result<DefaultDicomObject, ImagingError> {
+    let bytes = std::fs::read(path).map_err(ImagingError::io(path))?;
+    parse(path, &bytes, read_pixels)
+}
+
+/// Whether pixel data is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pixels {
+    /// Up to the pixel data.
+    Skip,
+    /// All.
+    Read,
+}
+
+/// As [`open`], from bytes.
+pub(crate) fn parse(path: &Path, bytes: &[u8], read_pixels: Pixels) -> Result<DefaultDicomObject, ImagingError> {
+    let format = |reason: String| ImagingError::Format { path: path.into(), reason };
+    if !is_dicom(bytes) {
+        return Err(format("not a DICOM file (no DICM at byte 128): give a DICOM-SEG, a folder of DICOM slices, .nii or .nii.gz".into()));
+    }
+    check_lengths(bytes).map_err(format)?;
+    let options = match read_pixels {
+        Pixels::Skip => OpenFileOptions::new().read_until(tags::PIXEL_DATA),
+        Pixels::Read => OpenFileOptions::new(),
+    };
+    options.from_reader(bytes).map_err(|e| {
+        let mut reason = e.to_string();
+        let mut source = std::error::Error::source(&e);
+        while let Some(cause) = source {
+            reason = format!("{reason}: {cause}");
+            source = cause.source();
+        }
+        format(format!("broken DICOM file: {reason}; export it again"))
+    })
+}
+
+/// Walks over all element headers; the first length that leaves the file is an error.
+fn check_lengths(bytes: &[u8]) -> Result<(), String> {
+    let mut at = 132;
+    let mut syntax = String::new();
+    let mut explicit = true;
+    let mut in_meta = true;
+    // Where each open container of defined length ends; `usize::MAX` for undefined ones. Fragments hold bytes, not elements.
+    let mut open: Vec<(usize, bool)> = Vec::new();
+    let word = |i: usize| bytes.get(i..i + 2).map(|b| u16::from_le_bytes([b[0], b[1]]));
+    let long = |i: usize| bytes.get(i..i + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    while at < bytes.len() {
+        while open.last().is_some_and(|(end, _)| at >= *end) {
+            open.pop();
+        }
+        let short = || format!("the file ends within an element at byte {at}: it is truncated, copy or export it again");
+        let (group, element) = (word(at).ok_or_else(short)?, word(at + 2).ok_or_else(short)?);
+        if in_meta && group != 2 {
+            in_meta = false;
+            explicit = match syntax.as_str() {
+                uids::IMPLICIT_VR_LITTLE_ENDIAN => false,
+                // Not retired in files: refused by name.
+                "1.2.840.10008.1.2.2" => return Err("transfer syntax Explicit VR Big Endian (retired): convert it to little endian".into()),
+                "1.2.840.10008.1.2.1.99" => return Err("transfer syntax Deflated Explicit VR Little Endian: write it undeflated".into()),
+                _ => true,
+            };
+        }
+        if group == 0xfffe {
+            let length = long(at + 4).ok_or_else(short)?;
+            at += 8;
+            match element {
+                0xe000 => {
+                    let raw = open.last().is_some_and(|(_, raw)| *raw);
+                    if raw {
+                        at = within(bytes, at, length)?;
+                    } else if length != UNDEFINED {
+                        open.push((within(bytes, at, length)?, false));
+                    } else {
+                        open.push((usize::MAX, false));
+                    }
+                }
+                _ => {
+                    open.pop();
+                }
+            }
+            if open.len() > MAX_DEPTH {
+                return Err(format!("sequences are nested deeper than {MAX_DEPTH} at byte {at}: the file is damaged"));
+            }
+            continue;
+        }
+        let tag = Tag(group, element);
+        let (vr, length, head) = if explicit {
+            let code = bytes.get(at + 4..at + 6).ok_or_else(short)?;
+            let vr = VR::from_binary([code[0], code[1]]).unwrap_or(VR::UN);
+            match vr {
+                VR::OB | VR::OD | VR::OF | VR::OL | VR::OV | VR::OW | VR::SQ | VR::SV | VR::UC | VR::UN | VR::UR | VR::UT | VR::UV => {
+                    (vr, long(at + 8).ok_or_else(short)?, 12)
+                }
+                _ => (vr, u32::from(word(at + 6).ok_or_else(short)?), 8),
+            }
+        } else {
+            let vr = StandardDataDictionary.by_tag(tag).map_or(VR::UN, |e| e.vr().relaxed());
+            (vr, long(at + 4).ok_or_else(short)?, 8)
+        };
+        at += head;
+        if vr == VR::SQ || length == UNDEFINED {
+            let end = if length == UNDEFINED { usize::MAX } else { within(bytes, at, length)? };
+            open.push((end, vr != VR::SQ && tag == tags::PIXEL_DATA));
+            if open.len() > MAX_DEPTH {
+                return Err(format!("sequences are nested deeper than {MAX_DEPTH} at byte {at}: the file is damaged"));
+            }
+        } else {
+            let end = within(bytes, at, length)?;
+            if tag == tags::TRANSFER_SYNTAX_UID {
+                syntax = String::from_utf8_lossy(&bytes[at..end]).trim_end_matches(['\0', ' ']).into();
+            }
+            at = end;
+        }
+    }
+    Ok(())
+}
+
+fn within(bytes: &[u8], at: usize, length: u32) -> Result<usize, String> {
+    let end = at.saturating_add(length as usize);
+    if end > bytes.len() {
+        let left = bytes.len().saturating_sub(at);
+        return Err(format!(
+            "an element at byte {at} declares {length} bytes but {left} are left: the file is truncated or damaged, export it again"
+        ));
+    }
+    Ok(end)
+}
+
+/// A data set with the file it is from, for errors.
+#[derive(Clone, Copy)]
+pub(crate) struct Elements<'a> {
+    pub path: &'a Path,
+    pub set: &'a InMemDicomObject,
+}
+
+impl<'a> Elements<'a> {
+    pub fn new(path: &'a Path, set: &'a InMemDicomObject) -> Self {
+        Self { path, set }
+    }
+
+    /// An error about an element.
+    pub fn wrong(&self, tag: Tag, reason: impl Into<String>) -> ImagingError {
+        let name = StandardDataDictionary.by_tag(tag).map_or("unknown", |e| e.alias());
+        ImagingError::Element { path: self.path.into(), element: format!("{tag} {name}"), reason: reason.into() }
+    }
+
+    /// `N` finite numbers.
+    pub fn numbers<const N: usize>(&self, tag: Tag) -> Result<[f64; N], ImagingError> {
+        let element = self.set.get(tag).ok_or_else(|| self.wrong(tag, "is missing"))?;
+        let values = element.to_multi_float64().map_err(|e| self.wrong(tag, format!("is no list of numbers ({e})")))?;
+        let got = values.len();
+        let numbers: [f64; N] = values.try_into().map_err(|_| self.wrong(tag, format!("has {got} values: expected {N}")))?;
+        if numbers.iter().any(|v| !v.is_finite()) {
+            return Err(self.wrong(tag, "is not finite"));
+        }
+        Ok(numbers)
+    }
+
+    /// A whole number of at least 0.
+    pub fn count(&self, tag: Tag) -> Result<usize, ImagingError> {
+        let element = self.set.get(tag).ok_or_else(|| self.wrong(tag, "is missing"))?;
+        element.to_int::<u32>().map(|n| n as usize).map_err(|e| self.wrong(tag, format!("is no whole number ({e})")))
+    }
+
+    /// Text, empty when missing.
+    pub fn text(&self, tag: Tag) -> String {
+        self.set.get(tag).and_then(|e| e.to_str().ok()).map(|s| s.trim_end_matches(['\0', ' ']).to_string()).unwrap_or_default()
+    }
+
+    /// The items of a sequence, none when it is missing.
+    pub fn items(&self, tag: Tag) -> &'a [InMemDicomObject] {
+        self.set.get(tag).and_then(|e| e.items()).unwrap_or_default()
+    }
+
+    /// The first item of a sequence.
+    pub fn item(&self, tag: Tag) -> Option<Self> {
+        self.items(tag).first().map(|set| Self { path: self.path, set })
+    }
+}
