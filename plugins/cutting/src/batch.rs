@@ -181,5 +181,4 @@ impl BatchCut {
 fn add(done: &mut StepReport, step: StepReport) {
     done.operations += step.operations;
     done.swept_m2 += step.swept_m2;
-    done.committed |= step.committed;
 }

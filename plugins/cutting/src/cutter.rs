@@ -1,9 +1,8 @@
 //! The cutter of one organ: takes the blade's line step by step, in the rest shape, and edits the mesh.
 
 use crate::grid::RestGrid;
-use crate::release;
 use crate::sheet::{Aabb, Strip, contains, pierce};
-use crate::stroke::{CrossingState, Meeting, Stroke, starting_strip};
+use crate::stroke::{Meeting, Stroke, starting_strip};
 use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh, Topology};
 use keyhole_whiteboard::CutSettings;
 use rustc_hash::FxHashSet;
@@ -37,8 +36,6 @@ pub struct StepReport {
     pub operations: Operations,
     /// Area that the blade swept inside the tissue in this step, m2.
     pub swept_m2: f64,
-    /// Whether the stroke in progress was made final because a second sheet met it.
-    pub committed: bool,
 }
 
 /// Cuts one organ. Its own memory beside the mesh: the topology as it was before the stroke in progress, and what the stroke knows.
@@ -56,9 +53,6 @@ pub struct Cutter {
     mean_edge_m: f64,
     has_cut: bool,
 }
-
-/// A second crossing of an edge within this part of the edge's length is the same cut: the blade goes back and forth in it.
-const SAME_CUT: f64 = 0.25;
 
 /// The blade's line is moved off special positions by this part of an edge, by an amount of its own for each point, so that it does
 /// not run exactly through nodes of a regular mesh. Far below any length that matters, far above rounding.
@@ -232,51 +226,33 @@ impl Cutter {
         let before = self.operations;
         let strip = if self.stroke.line.len() == line.len() { Strip::between(&self.stroke.line, &line) } else { starting_strip(&line) };
         let starts = self.stroke.line.len() != line.len();
-        let mut report = StepReport::default();
         if !starts && strip.is_still() {
-            return report;
+            return StepReport::default();
         }
         let mut meeting = self.meet(mesh, &strip, seeds);
-        if self.second_sheet(&meeting) && !self.stroke.is_empty() {
-            self.commit(mesh);
-            report.committed = true;
-            meeting = self.meet(mesh, &strip, seeds);
-        }
-        self.accept(&mut meeting);
         if starts {
             let start: Vec<_> = meeting.front.iter().map(|(f, w)| (*f, *w)).collect();
             meeting.border.extend(start);
         }
-        report.swept_m2 = meeting.area;
         let mut candidates: FxHashSet<TetId> = self.stroke.occupied.iter().chain(&meeting.tets).copied().collect();
-        for edge in meeting.crossings.keys() {
-            let [a, b] = edge.nodes();
-            candidates.extend(self.base.around_edge(a, b));
-        }
-        let lengths: Vec<_> = meeting.crossings.iter().map(|(e, c)| (*e, *c)).collect();
-        for (edge, crossing) in lengths {
-            self.stroke.ranks.insert(edge, release::split_rank(mesh, edge));
-            self.stroke.crossings.insert(edge, crossing);
-            self.stroke.unsettled.push(edge);
-        }
+        self.record_hits(mesh, meeting.hits, &mut candidates);
         self.stroke.border.extend(meeting.border);
         self.stroke.front = meeting.front;
         self.stroke.occupied = meeting.occupied;
         self.stroke.line = line;
+        self.lead_past_nodes(mesh, &mut candidates);
         self.settle_and_release(mesh, &mut candidates);
         self.refine(mesh, candidates);
         if self.stroke.occupied.is_empty() && !self.stroke.crossings.is_empty() && self.stroke.unsettled.is_empty() {
             // The blade has left: children become base tetrahedra.
             self.commit(mesh);
         }
-        report.operations = self.operations_since(before);
-        report
+        StepReport { operations: self.operations_since(before), swept_m2: meeting.area }
     }
 
     /// Forgets where the blade was: the next step starts a stroke.
     pub fn forget_line(&mut self) {
         self.stroke.line.clear();
-        self.stroke.on_sheet.clear();
     }
 
     /// Whether the mesh was cut since the last call: whether there may be new fragments once no stroke is in progress.
@@ -295,27 +271,21 @@ impl Cutter {
         let before = self.operations;
         self.commit(mesh);
         self.forget_line();
-        StepReport { operations: self.operations_since(before), ..StepReport::default() }
+        StepReport { operations: self.operations_since(before), swept_m2: 0.0 }
     }
 
     /// Settles and releases everything, then makes the children base tetrahedra.
     fn commit(&mut self, mesh: &mut TetMesh) {
-        let front: Vec<FaceKey> = self.stroke.front.keys().copied().collect();
         let mut candidates: FxHashSet<TetId> = self.stroke.occupied.drain().collect();
         candidates.extend(self.stroke.touched.keys().copied());
         // What the present line has reached is where the cut ends if it does not go on.
         let reached: Vec<_> = self.stroke.front.drain().collect();
         self.stroke.border.extend(reached);
+        self.lead_past_nodes(mesh, &mut candidates);
         self.settle_and_release(mesh, &mut candidates);
         self.refine(mesh, candidates);
         self.committed_area_m2 += self.stroke_area(mesh);
 
-        let mut tip_nodes: Vec<NodeId> = Vec::new();
-        for face in front {
-            if let Some([only]) = self.stroke.sides.get(&crate::kernel::Vertex::Face(face)).map(Vec::as_slice) {
-                tip_nodes.push(only.node);
-            }
-        }
         let mut bases: Vec<TetId> = self.stroke.touched.keys().copied().collect();
         bases.sort_unstable();
         for base in &bases {
@@ -339,10 +309,6 @@ impl Cutter {
         self.renew_hull(mesh, &made);
         let line = std::mem::take(&mut self.stroke.line);
         self.stroke = Stroke { line, ..Stroke::default() };
-        for node in tip_nodes {
-            // The tip of the crack: a stroke that goes on from here starts at these nodes.
-            self.stroke.on_sheet.insert(node, 0);
-        }
     }
 
     /// Renews surface and hull marks around tetrahedra that were made.
@@ -421,7 +387,7 @@ impl Cutter {
                     }
                     !hits.is_empty()
                 } else {
-                    meeting.crossings.contains_key(&edge)
+                    meeting.hits.contains_key(&edge)
                 };
                 meets |= crossed;
             }
@@ -460,46 +426,6 @@ impl Cutter {
             }
         }
         meeting
-    }
-
-    /// Whether what was met cannot be one sheet with what the stroke has cut.
-    fn second_sheet(&self, meeting: &Meeting) -> bool {
-        let apart = |edge: &EdgeKey, t: f64| self.stroke.crossings.get(edge).is_some_and(|c| (c.exact - t).abs() > SAME_CUT);
-        meeting.crossings.iter().any(|(e, c)| apart(e, c.exact)) || meeting.tets.iter().any(|t| !self.is_one_sheet_in(*t, meeting))
-    }
-
-    fn is_one_sheet_in(&self, tet: TetId, meeting: &Meeting) -> bool {
-        self.base.contains(tet) && self.stroke.is_one_sheet(self.base.corners(tet), &meeting.crossings)
-    }
-
-    /// Leaves out crossings that are known, that end at a node on the sheet, or that still do not fit one sheet.
-    fn accept(&mut self, meeting: &mut Meeting) {
-        let stroke = &self.stroke;
-        meeting.crossings.retain(|e, _| !stroke.crossings.contains_key(e));
-        for (edge, crossing) in &mut meeting.crossings {
-            let on_sheet = |n: &NodeId| stroke.on_sheet.contains_key(n);
-            if edge.nodes().iter().any(on_sheet) {
-                crossing.state = CrossingState::Dropped;
-                crossing.settled = true;
-            }
-        }
-        // At the tip of a committed crack the strip starts on the node: its sign there means nothing.
-        meeting.crossings.retain(|e, _| !e.nodes().iter().any(|n| stroke.on_sheet.get(n) == Some(&0)));
-        let mut misfits: Vec<EdgeKey> = Vec::new();
-        for &tet in &meeting.tets {
-            if !self.is_one_sheet_in(tet, meeting) {
-                let corners = self.base.corners(tet);
-                misfits.extend(EDGES.iter().map(|&[i, j]| EdgeKey::new(corners[i], corners[j])));
-            }
-        }
-        for edge in misfits {
-            if meeting.crossings.remove(&edge).is_some() {
-                self.operations.deferred += 1;
-            }
-        }
-        if meeting.folded {
-            self.operations.deferred += 1;
-        }
     }
 
     /// The line moved off special positions.

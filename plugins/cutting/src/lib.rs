@@ -12,6 +12,7 @@ mod refine;
 mod release;
 mod separate;
 pub mod sheet;
+pub(crate) mod sides;
 mod snap;
 mod stroke;
 

@@ -79,7 +79,7 @@ impl Cutter {
         if !allowed || has_face_point {
             return;
         }
-        let side = if edge.nodes()[0] == node { crossing.side } else { -crossing.side };
+        let side = self.stroke.node_sides.get(&node).copied().unwrap_or(if edge.nodes()[0] == node { crossing.side } else { -crossing.side });
         for &tet in &around {
             let corners = self.base.corners(tet);
             self.grid.remove(tet, corners.map(|n| mesh.rest(n)));
@@ -97,7 +97,7 @@ impl Cutter {
     }
 
     /// The nodes that share an edge with a node, ascending.
-    fn neighbours(&self, node: NodeId) -> Vec<NodeId> {
+    pub(crate) fn neighbours(&self, node: NodeId) -> Vec<NodeId> {
         let mut nodes: Vec<NodeId> =
             self.base.around_node(node).iter().flat_map(|t| self.base.corners(*t)).filter(|n| *n != node).collect();
         nodes.sort_unstable();

@@ -1,7 +1,7 @@
 //! What one stroke has done so far: crossings, piercings, the base tetrahedra it touched and their children.
 
 use crate::kernel::{Child, Vertex};
-use crate::sheet::Strip;
+use crate::sheet::{CLEARANCE, Hit, Strip};
 use keyhole_tetmesh::{DVec3, EdgeKey, FaceKey, NodeId, Tet, TetId};
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -83,7 +83,7 @@ pub(crate) struct Stroke {
     pub occupied: FxHashSet<TetId>,
     /// Released face points.
     pub face_points: FxHashMap<FaceKey, FaceWeights>,
-    /// Nodes on the sheet, with the side they were on before they were moved there (0 when they were made there).
+    /// Nodes that were moved onto the sheet, with the side they were on before.
     pub on_sheet: FxHashMap<NodeId, i8>,
     /// Nodes whose crossings have been weighed for snapping.
     pub weighed: FxHashSet<NodeId>,
@@ -91,6 +91,12 @@ pub(crate) struct Stroke {
     /// The base tetrahedron of each child.
     pub parent: FxHashMap<TetId, TetId>,
     pub sides: FxHashMap<Vertex, Vec<SideNode>>,
+    /// The side of the sheet that each node near it is on, +1 or -1: the first crossing that tells decides.
+    pub node_sides: FxHashMap<NodeId, i8>,
+    /// Edges that the sheet has crossed, whether that was recorded or not.
+    pub hits: FxHashSet<EdgeKey>,
+    /// Nodes that turned out to lie on the other side: the sheet is led past them, see [`crate::sides`].
+    pub led_past: Vec<NodeId>,
 }
 
 impl Stroke {
@@ -111,49 +117,18 @@ impl Stroke {
 
     /// Side labels of the corners of a base tetrahedron: +1, -1, or 0 for those on the sheet and those not known.
     pub fn labels(&self, corners: [NodeId; 4]) -> [i8; 4] {
-        let mut labels = [0_i8; 4];
-        for [i, j] in keyhole_tetmesh::EDGES {
-            if let Some(c) = self.crossings.get(&EdgeKey::new(corners[i], corners[j])) {
-                let (low, high) = if corners[i] < corners[j] { (i, j) } else { (j, i) };
-                labels[low] = c.side;
-                labels[high] = -c.side;
-            }
-        }
-        for i in 0..4 {
-            if labels[i] != 0 || self.on_sheet.contains_key(&corners[i]) {
-                continue;
+        std::array::from_fn(|i| {
+            if self.on_sheet.contains_key(&corners[i]) {
+                return 0;
             }
             // An edge that no sheet crosses ends on one side of it: the side its other node came from.
-            labels[i] = (0..4)
-                .filter(|&j| !self.crossings.contains_key(&EdgeKey::new(corners[i], corners[j])))
-                .filter_map(|j| self.on_sheet.get(&corners[j]).copied())
-                .find(|s| *s != 0)
-                .unwrap_or(0);
-        }
-        for i in 0..4 {
-            if self.on_sheet.contains_key(&corners[i]) {
-                labels[i] = 0;
-            }
-        }
-        labels
-    }
-
-    /// Whether one sheet can make the crossings of a base tetrahedron, `extra` among them: whether no corner lies on both sides.
-    pub fn is_one_sheet(&self, corners: [NodeId; 4], extra: &FxHashMap<EdgeKey, Crossing>) -> bool {
-        let mut labels = [0_i8; 4];
-        for [i, j] in keyhole_tetmesh::EDGES {
-            let key = EdgeKey::new(corners[i], corners[j]);
-            if let Some(c) = self.crossings.get(&key).or_else(|| extra.get(&key)) {
-                let (low, high) = if corners[i] < corners[j] { (i, j) } else { (j, i) };
-                for (corner, side) in [(low, c.side), (high, -c.side)] {
-                    if labels[corner] == -side {
-                        return false;
-                    }
-                    labels[corner] = side;
-                }
-            }
-        }
-        true
+            let beside = || {
+                (0..4)
+                    .filter(|&j| !self.crossings.contains_key(&EdgeKey::new(corners[i], corners[j])))
+                    .find_map(|j| self.on_sheet.get(&corners[j]).copied())
+            };
+            self.node_sides.get(&corners[i]).copied().or_else(beside).unwrap_or(0)
+        })
     }
 
     /// Whether a vertex lies on the sheet.
@@ -166,24 +141,22 @@ impl Stroke {
 
     /// The side that a child lies on, 0 when it is not known or on both.
     pub fn child_label(&self, key: &Child, corners: [NodeId; 4], labels: [i8; 4]) -> i8 {
-        let mut label = 0;
-        let mut free = false;
-        for v in key {
-            if let Vertex::Corner(n) = v
-                && !self.on_sheet.contains_key(n)
-            {
-                free = true;
-                let l = corners.iter().position(|c| c == n).map_or(0, |i| labels[i]);
-                if l != 0 && label == -l {
-                    return 0;
-                }
-                if l != 0 {
-                    label = l;
-                }
+        let free = key.iter().filter_map(|v| match v {
+            Vertex::Corner(n) if !self.on_sheet.contains_key(n) => corners.iter().position(|c| c == n),
+            _ => None,
+        });
+        let (mut label, mut is_free) = (0, false);
+        for i in free {
+            is_free = true;
+            if labels[i] != 0 && label == -labels[i] {
+                return 0;
+            }
+            if labels[i] != 0 {
+                label = labels[i];
             }
         }
         // A child all of whose vertices lie on the sheet goes to one side, always the same.
-        if free { label } else { 1 }
+        if is_free { label } else { 1 }
     }
 
     /// Whether the face between two children is a face of the cut: all of it on the sheet, and they on opposite sides.
@@ -199,10 +172,8 @@ pub(crate) struct Meeting {
     pub tets: Vec<TetId>,
     /// Those that the present line is in.
     pub occupied: FxHashSet<TetId>,
-    /// Crossings found, by edge, at most one each.
-    pub crossings: FxHashMap<EdgeKey, Crossing>,
-    /// Edges crossed twice or more by this step alone.
-    pub folded: bool,
+    /// Where the strip crosses edges, at most once each; `t` from the node with the smaller id.
+    pub hits: FxHashMap<EdgeKey, Hit>,
     pub front: FxHashMap<FaceKey, FaceWeights>,
     pub border: FxHashMap<FaceKey, FaceWeights>,
     /// Area of the strip inside the tissue, m2.
@@ -210,17 +181,19 @@ pub(crate) struct Meeting {
 }
 
 impl Meeting {
-    /// Keeps the hits of an edge.
-    pub fn record(&mut self, edge: EdgeKey, hits: &[crate::sheet::Hit]) {
-        match hits {
-            [] => {}
-            [hit] => {
-                let t = hit.t.clamp(crate::sheet::CLEARANCE, 1.0 - crate::sheet::CLEARANCE);
-                let crossing = Crossing { t, exact: hit.t, side: hit.side, state: CrossingState::Recorded, settled: false };
-                self.crossings.insert(edge, crossing);
-            }
-            _ => self.folded = true,
+    /// Keeps the hits of an edge. An edge hit twice in one step dips through the sheet and comes back: both of its ends are on one side, and the
+    /// sheet may as well pass it by.
+    pub fn record(&mut self, edge: EdgeKey, hits: &[Hit]) {
+        if hits.len() % 2 == 1 {
+            self.hits.insert(edge, hits[0]);
         }
+    }
+}
+
+impl Crossing {
+    /// A crossing at parameter `t` from the node with the smaller id, which is on side `side`.
+    pub fn new(t: f64, side: i8) -> Self {
+        Self { t: t.clamp(CLEARANCE, 1.0 - CLEARANCE), exact: t, side, state: CrossingState::Recorded, settled: false }
     }
 }
 
