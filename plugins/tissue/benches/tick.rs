@@ -1,68 +1,115 @@
-//! Scratch.
-#[path = "../tests/common/mod.rs"]
-mod common;
-use bevy_math::Vec3;
-use keyhole_tissue::{Body, TissueSettings, Solver};
-use keyhole_tetmesh::*;
+//! Cost of a tick of 1/60 s of the reference beam, and beside it what the answer is worth: where the tip comes to rest against static
+//! Newton on the same mesh, and when it is lowest after the load is dropped on it, against 64 substeps.
+
+#![expect(clippy::unwrap_used, reason = "the beam is known to be sound")]
+
+use divan::Bencher;
+use keyhole_tetmesh::TetMesh;
+use keyhole_tissue::beam::{GRAVITY, REFERENCE, beam, beam_material, clamp, tip_mm};
+use keyhole_tissue::{Body, Hold, Solver, TissueSettings};
 use keyhole_whiteboard::TissueState;
-use std::time::Instant;
-fn sliver(mesh: &mut TetMesh, every: usize, t: f64) {
-    let nodes: Vec<NodeId> = mesh.nodes().collect();
-    let mut k = 0;
-    for n in nodes {
-        if mesh.rest(n).x == 0.0 { continue }
-        k += 1;
-        if k % every != 0 { continue }
-        let tet = mesh.topology().around_node(n)[0];
-        let other = *mesh.corners(tet).iter().find(|m| **m != n).unwrap();
-        let p = mesh.rest(n) * (1.0 - t) + mesh.rest(other) * t;
-        let around: Vec<TetId> = mesh.topology().around_edge(n, other).collect();
-        let mid = mesh.add_node(p, [(n, 1.0 - t), (other, t)].into_iter().collect());
-        for tet in around {
-            let c = mesh.corners(tet);
-            let a = mesh.tet(tet);
-            mesh.remove_tet(tet);
-            mesh.add_tet(c.map(|x| if x == n { mid } else { x }), a);
-            mesh.add_tet(c.map(|x| if x == other { mid } else { x }), a);
-        }
-    }
-    mesh.take_delta();
-}
+use std::fmt;
+use std::sync::OnceLock;
+
+const DT: f32 = 1.0 / 60.0;
+
 fn main() {
-    for (name, n, m, reference, t, young) in [("plain", 10, 5, -21.763, 0.0, 1e4), ("plain", 20, 10, -23.9, 0.0, 1e4),
-        ("sliver .01", 10, 5, -21.763, 0.01, 1e4),  ("sliver .01", 10, 5, -0.217, 0.01, 1e6), ("scrambled", 10, 5, -21.76, 0.0, 1e4)] {
-        let mut mesh = common::beam(n, m);
-        if t > 0.0 { sliver(&mut mesh, 5, t); }
-        let mut mat = common::beam_material();
-        mat.0[0].young_modulus_pa = young;
-        let body = Body::new(&mesh, &mat).unwrap();
-        println!("{name} {t} {young} {} tets {} colours", mesh.tet_count(), body.colouring().colours().len());
-        let holds = common::clamp(&mesh);
-        let mut cases = vec![];
-        for substeps in [20, 80] { cases.push(TissueSettings { solver: Solver::Xpbd, substeps, ..Default::default() }); }
-        for substeps in [1, 2, 4, 6, 8] { for (viscosity_s,tolerance) in [(0.0,0.1), (0.001, 0.02), (0.001,0.1), (0.001, 0.2)] {
-            cases.push(TissueSettings { solver: Solver::SemiImplicit, substeps, viscosity_s, tolerance, ..Default::default() });
-        }}
-        for c in cases {
-            let mut state = TissueState::at_rest(&mesh);
-            if name == "scrambled" {
-                let mut s = 1u32;
-                for p in state.positions.iter_mut().filter(|p| p.x > 0.0) { let mut r = || { s = s.wrapping_mul(1664525).wrapping_add(1013904223); (s >> 8) as f32 / (1 << 24) as f32 }; *p = Vec3::new(r() * 0.06, r() * 0.03, r() * 0.03); }
+    divan::main();
+}
+
+struct Case {
+    size: usize,
+    settings: TissueSettings,
+    tip: f64,
+    swing: f64,
+}
+
+impl fmt::Display for Case {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [n, m] = REFERENCE[self.size].0;
+        let Case { settings, tip, swing, .. } = self;
+        let text = format!("{} tets, {:?} x {}: tip {tip:+.2} %, swing {swing:+.0} %", 5 * n * m * m, settings.solver, settings.substeps);
+        f.pad(&text)
+    }
+}
+
+struct Beam {
+    mesh: TetMesh,
+    body: Body,
+    holds: Vec<Hold>,
+}
+
+impl Beam {
+    fn new(size: usize) -> Self {
+        let [n, m] = REFERENCE[size].0;
+        let mesh = beam(n, m);
+        Self { body: Body::new(&mesh, &beam_material()).unwrap(), holds: clamp(&mesh), mesh }
+    }
+
+    fn tips(&self, settings: &TissueSettings, ticks: u32) -> Vec<f64> {
+        let mut state = TissueState::at_rest(&self.mesh);
+        let tick = |_| {
+            self.body.step(&mut state, &self.holds, GRAVITY, DT, settings);
+            tip_mm(&self.mesh, &state)
+        };
+        (0..ticks).map(tick).collect()
+    }
+
+    /// Time of the lowest tip, in ticks, by the parabola through it and its neighbours.
+    fn swing(&self, settings: &TissueSettings) -> f64 {
+        let tips = self.tips(settings, 30);
+        let at = (1..tips.len() - 1).min_by(|a, b| tips[*a].total_cmp(&tips[*b])).unwrap();
+        let (a, b, c) = (tips[at - 1], tips[at], tips[at + 1]);
+        (at + 1) as f64 + (a - c) / (2.0 * (a - 2.0 * b + c))
+    }
+}
+
+fn cases() -> &'static [Case] {
+    static CASES: OnceLock<Vec<Case>> = OnceLock::new();
+    CASES.get_or_init(|| {
+        let mut cases = Vec::new();
+        for (size, (_, reference)) in REFERENCE.into_iter().enumerate() {
+            let beam = Beam::new(size);
+            let truth = beam.swing(&TissueSettings { substeps: 64, viscosity_s: 0.0, ..Default::default() });
+            for (solver, steps) in [(Solver::SemiImplicit, [1, 2, 3, 4, 8]), (Solver::Xpbd, [5, 10, 20, 40, 80])] {
+                for substeps in steps {
+                    let settings = TissueSettings { solver, substeps, ..Default::default() };
+                    let settled = beam.tips(&TissueSettings { drag_1_s: 6.0, ..settings }, 180);
+                    let tip = (settled[179] / reference - 1.0) * 100.0;
+                    let swing = (beam.swing(&settings) / truth - 1.0) * 100.0;
+                    cases.push(Case { size, settings, tip, swing });
+                }
             }
-            let settings = TissueSettings { drag_1_s: 6.0, ..c };
-            let t = Instant::now();
-            let ticks = if n > 10 { 80 } else { 180 };
-            let mut peak = 0.0_f64; let mut when = 0;
-            let mut fault = None;
-            for k in 0..ticks {
-                fault = fault.or(body.step_safely(&mut state, &holds, Vec3::new(0.0, -9.81, 0.0), 1.0 / 60.0, &settings));
-                if fault.is_some() { break }
-                let tip = common::tip_mm(&mesh, &state);
-                if tip < peak { peak = tip; when = k; }
-            }
-            let ms = t.elapsed().as_secs_f64() * 1e3 / f64::from(ticks);
-            let tip = common::tip_mm(&mesh, &state);
-            println!("  {:?} n {} visc {} tol {}: {ms:.2} ms/tick, {:.1} ns/tet, tip {tip:.3} ratio {:.3} peak {peak:.1} at {when} kin {:.1e} el {:.2e} {fault:?}", c.solver, c.substeps, c.viscosity_s, c.tolerance, ms * 1e6 / f64::from(c.substeps) / mesh.tet_count() as f64, tip / reference, body.kinetic_energy(&state), body.elastic_energy(&state));
+        }
+        cases
+    })
+}
+
+#[divan::bench(args = cases(), sample_count = 30, sample_size = 1)]
+fn tick(bencher: Bencher, case: &Case) {
+    let beam = Beam::new(case.size);
+    let mut state = TissueState::at_rest(&beam.mesh);
+    bencher.bench_local(|| beam.body.step(&mut state, &beam.holds, GRAVITY, DT, &case.settings));
+}
+
+/// A cut's share of the tick: the same edge split on beams of different sizes.
+#[divan::bench(args = [0, 1, 2], sample_count = 30, sample_size = 1)]
+fn adopt_one_split_edge(bencher: Bencher, size: usize) {
+    let beam = Beam::new(size);
+    let mut mesh = beam.mesh.clone();
+    let (_, c) = mesh.iter().nth(600).unwrap();
+    let around: Vec<_> = mesh.topology().around_edge(c[0], c[1]).collect();
+    let middle = mesh.add_node((mesh.rest(c[0]) + mesh.rest(c[1])) * 0.5, [(c[0], 0.5), (c[1], 0.5)].into_iter().collect());
+    for t in around {
+        let (corners, attributes) = (mesh.corners(t), mesh.tet(t));
+        mesh.remove_tet(t);
+        for end in [c[0], c[1]] {
+            mesh.add_tet(corners.map(|n| if n == end { middle } else { n }), attributes);
         }
     }
+    let delta = mesh.take_delta();
+    let state = TissueState::at_rest(&beam.mesh);
+    bencher.with_inputs(|| (beam.body.clone(), state.clone())).bench_local_refs(|(body, state)| {
+        keyhole_tissue::adopt::adopt(body, state, &mesh, &delta, |_| Default::default())
+    });
 }

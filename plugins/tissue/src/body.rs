@@ -6,8 +6,8 @@ use crate::graph::EdgeGraph;
 use crate::hold::Hold;
 use crate::material::{MaterialError, NeoHookean};
 use crate::settings::{Solver, TissueSettings};
-use crate::{semi_implicit, xpbd};
-use bevy_math::{DVec3, Vec3};
+use crate::{rescue, semi_implicit, xpbd};
+use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 
@@ -104,19 +104,29 @@ impl Body {
         &self.colouring
     }
 
-    /// Steps the body over one tick of `dt` s under gravity (m/s2). When that leaves the finite numbers, the state is put back to what it was
-    /// before the tick, at rest, and the first node at fault is returned.
-    pub fn step_safely(&self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) -> Option<NodeId> {
-        let last = state.positions.clone();
+    /// Steps the body over one tick of `dt` s under gravity (m/s2). Nothing here looks whether the result is finite: see [`crate::Guard`].
+    pub fn step(&self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
         match settings.solver {
+            Solver::SemiImplicit if rescue::is_tangled(self, state) => {
+                xpbd::step(self, state, holds, gravity, dt, &rescue::settings(self, settings));
+            }
             Solver::SemiImplicit => semi_implicit::step(self, state, holds, gravity, dt, settings),
             Solver::Xpbd => xpbd::step(self, state, holds, gravity, dt, settings),
         }
-        let finite = |(x, v): (&Vec3, &Vec3)| x.is_finite() && v.is_finite();
-        let fault = state.positions.iter().zip(&state.velocities).position(|node| !finite(node))?;
-        state.positions = last;
-        state.velocities.fill(Vec3::ZERO);
-        Some(NodeId(fault as u32))
+    }
+
+    /// Edges of the elements.
+    #[must_use]
+    pub fn graph(&self) -> &EdgeGraph {
+        &self.graph
+    }
+
+    /// Elastic forces on the nodes, N.
+    #[must_use]
+    pub fn forces(&self, state: &TissueState) -> Vec<Vec3> {
+        let mut forces = vec![Vec3A::ZERO; state.positions.len()];
+        semi_implicit::elastic(self, state, 0.0, &mut forces);
+        forces.into_iter().map(Vec3::from).collect()
     }
 
     /// Momentum of the whole body.

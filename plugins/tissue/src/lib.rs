@@ -1,21 +1,25 @@
 //! Soft-tissue models and their time stepping.
 
 pub mod adopt;
+pub mod beam;
 pub mod body;
 pub mod colouring;
 pub mod conjugate;
 pub mod element;
 pub mod graph;
+pub mod guard;
 pub mod hold;
 pub mod material;
 pub mod metric;
 pub mod plugin;
+pub mod rescue;
 pub mod semi_implicit;
 pub mod settings;
 pub mod xpbd;
 
 pub use body::{Body, Momentum};
 pub use element::Element;
+pub use guard::Guard;
 pub use hold::Hold;
 pub use material::{MaterialError, NeoHookean};
 pub use plugin::{Quarantined, TissueBody, TissuePlugin, TissueReport};

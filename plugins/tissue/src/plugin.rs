@@ -2,6 +2,7 @@
 
 use crate::adopt::adopt;
 use crate::body::{Body, Momentum};
+use crate::guard::Guard;
 use crate::hold::Hold;
 use crate::settings::TissueSettings;
 use bevy_app::prelude::*;
@@ -34,7 +35,11 @@ impl Plugin for TissuePlugin {
 
 /// The body of an organ. Written by tissue.
 #[derive(Component, Clone, Debug, Default)]
-pub struct TissueBody(pub Body);
+pub struct TissueBody {
+    /// Elements and masses.
+    pub body: Body,
+    guard: Guard,
+}
 
 /// On an organ whose state became non-finite: it was put back to its last finite state and is no longer stepped. Written by tissue; who
 /// removes it lets the organ go on.
@@ -75,7 +80,7 @@ fn embody(
     for (organ, mesh, materials, state) in &organs {
         let body = Body::new(&mesh.0, materials)?;
         let mut entity = commands.entity(organ);
-        entity.insert(TissueBody(body));
+        entity.insert(TissueBody { body, guard: Guard::default() });
         if state.is_none_or(|s| s.positions.len() != mesh.0.node_slots() || s.velocities.len() != s.positions.len()) {
             entity.insert(TissueState::at_rest(&mesh.0));
         }
@@ -90,7 +95,7 @@ fn adopt_changes(
     mut freed: ResMut<FreedFragments>,
     mut report: ResMut<TissueReport>,
     mut organs: Query<(&TissueMesh, &mut TissueState, &mut TissueBody, &mut Attachments)>,
-    fragments: Query<(&TissueMesh, &OrganMaterials), Without<TissueBody>>,
+    fragments: Query<(&TissueMesh, &OrganMaterials)>,
 ) -> Result {
     let mut waiting = std::mem::take(&mut freed.0);
     for TopologyChanged { organ, delta } in changes.read() {
@@ -110,7 +115,7 @@ fn adopt_changes(
             let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
             pieces.push((fragment, held, Body::new(&mesh.0, materials)?, TissueState::default()));
         }
-        let adopted = adopt(&mut body.0, &mut state, &mesh.0, delta, |donor| {
+        let adopted = adopt(&mut body.body, &mut state, &mesh.0, delta, |donor| {
             let mut departed = Momentum::default();
             for (fragment, _, body, state) in &mut pieces {
                 *state = inherit(donor, &fragment.donor_nodes);
@@ -127,7 +132,7 @@ fn adopt_changes(
             for v in &mut state.velocities {
                 *v += adopted.given_back;
             }
-            commands.entity(fragment.entity).insert((TissueBody(body), state, held));
+            commands.entity(fragment.entity).insert((TissueBody { body, guard: Guard::default() }, state, held));
         }
     }
     // A fragment whose donor sent nothing this tick: its nodes are still the donor's.
@@ -136,7 +141,8 @@ fn adopt_changes(
         let Ok((_, donor, _, mut attachments)) = organs.get_mut(fragment.donor) else { continue };
         let held = attachments.split_off(&fragment.donor_nodes);
         let state = inherit(&donor, &fragment.donor_nodes);
-        commands.entity(fragment.entity).insert((TissueBody(Body::new(&mesh.0, materials)?), state, held));
+        let body = Body::new(&mesh.0, materials)?;
+        commands.entity(fragment.entity).insert((TissueBody { body, guard: Guard::default() }, state, held));
     }
     Ok(())
 }
@@ -157,14 +163,27 @@ fn step_organs(
     settings: Res<TissueSettings>,
     mut report: ResMut<TissueReport>,
     tools: Query<&InstrumentPose>,
-    mut organs: Query<(Entity, &mut TissueState, &TissueBody, &Attachments), Without<Quarantined>>,
+    mut organs: Query<(Entity, &mut TissueState, &mut TissueBody, &Attachments), Without<Quarantined>>,
 ) {
     let dt = time.timestep().as_secs_f32();
-    let mut jobs: Vec<_> = organs.iter_mut().map(|(e, state, body, a)| (e, state, body, resolve(a, &tools))).collect();
+    let mut jobs: Vec<_> = organs
+        .iter_mut()
+        .map(|(organ, state, body, attachments)| {
+            let holds = resolve(attachments, &tools, &body.body);
+            (organ, state, body, holds)
+        })
+        .collect();
     jobs.sort_unstable_by_key(|(organ, ..)| *organ);
     let failures: Vec<Option<NodeId>> = jobs
         .par_iter_mut()
-        .map(|(_, state, body, holds)| body.0.step_safely(state, holds, gravity.0, dt, &settings))
+        .map(|(_, state, body, holds)| {
+            let TissueBody { body, guard } = &mut **body;
+            // What comes in broken is not stepped: what goes out would name the wrong node.
+            guard.check(state).or_else(|| {
+                body.step(state, holds, gravity.0, dt, &settings);
+                guard.check(state)
+            })
+        })
         .collect();
     for ((organ, ..), node) in jobs.iter().zip(failures) {
         let Some(node) = node else { continue };
@@ -178,9 +197,10 @@ fn step_organs(
     }
 }
 
-/// Attachments with their anchors in the world; one whose instrument is gone holds nothing.
-fn resolve(attachments: &Attachments, tools: &Query<&InstrumentPose>) -> Vec<Hold> {
-    let resolved = attachments.0.iter().filter_map(|a| {
+/// Attachments with their anchors in the world; one whose instrument or node is gone holds nothing.
+fn resolve(attachments: &Attachments, tools: &Query<&InstrumentPose>, body: &Body) -> Vec<Hold> {
+    let there = |node: &NodeId| body.masses().get(node.index()).is_some_and(|m| *m > 0.0);
+    let resolved = attachments.0.iter().filter(|a| !a.point.is_empty() && a.point.iter().all(|(n, _)| there(n))).filter_map(|a| {
         let (from, to) = match &a.anchor {
             Anchor::Space(p) => (*p, *p),
             Anchor::Tool { instrument, local } => {

@@ -30,9 +30,6 @@ const RIGID: f32 = 100.0;
 /// 1/16 a beam of 1 MPa with 8 substeps still rang; at 1/4 beams of 10 kPa to 10 MPa with edges cut at 1 % came to rest with 2 to 12 substeps.
 const LEAST_VISCOSITY: f32 = 0.25;
 
-/// Share of the rest volume below which an element counts as inverted.
-const LEAST_VOLUME: f32 = 0.02;
-
 /// Sum of the squares of the principal stretches (3 at rest) from which an element counts as torn out of shape: a stretch of 5.
 const MOST_STRETCH: f32 = 25.0;
 
@@ -91,13 +88,13 @@ pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3,
 }
 
 /// Takes the relative velocity of its nodes off an element that is inverted or stretched beyond anything tissue survives: it then moves as if
-/// it had no inertia, downhill, and comes back. Linear momentum stays.
+/// it had no inertia, downhill. Linear momentum stays. Without it a scrambled mesh gains energy without end.
 fn calm(body: &Body, state: &mut TissueState) {
     for e in body.elements.iter().filter(|e| !e.is_empty()) {
         let at = e.indices();
         let f = e.deformation(at.map(|i| state.positions[i]));
         let size = f.x_axis.length_squared() + f.y_axis.length_squared() + f.z_axis.length_squared();
-        if f.determinant() > LEAST_VOLUME && size < MOST_STRETCH {
+        if f.determinant() > 0.0 && size < MOST_STRETCH {
             continue;
         }
         let mass: f32 = at.iter().map(|i| body.masses[*i]).sum();
@@ -109,7 +106,7 @@ fn calm(body: &Body, state: &mut TissueState) {
 }
 
 /// Adds the elastic forces (N) at the positions `lookahead` s ahead.
-fn elastic(body: &Body, state: &TissueState, lookahead: f32, forces: &mut [Vec3A]) {
+pub(crate) fn elastic(body: &Body, state: &TissueState, lookahead: f32, forces: &mut [Vec3A]) {
     for e in body.elements.iter().filter(|e| !e.is_empty()) {
         let at = e.indices();
         let f = e.deformation(at.map(|i| state.positions[i] + state.velocities[i] * lookahead));
