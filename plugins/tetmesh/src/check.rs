@@ -19,7 +19,7 @@ pub enum MeshError {
         /// Index of the tetrahedron.
         tet: usize,
         /// The node it names.
-        node: u32,
+        node: i64,
         /// Number of nodes.
         nodes: usize,
     },
@@ -73,7 +73,7 @@ pub fn checked(nodes: &[DVec3], tets: &[[u32; 4]], materials: &[MaterialId]) -> 
     let mut faces: FxHashMap<FaceKey, usize> = FxHashMap::default();
     for (i, t) in tets.iter().enumerate() {
         if let Some(node) = t.iter().copied().find(|n| *n as usize >= nodes.len()) {
-            return Err(MeshError::UnknownNode { tet: i, node, nodes: nodes.len() });
+            return Err(MeshError::UnknownNode { tet: i, node: node.into(), nodes: nodes.len() });
         }
         let mut key = *t;
         key.sort_unstable();

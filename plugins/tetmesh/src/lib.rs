@@ -12,6 +12,7 @@ pub mod mesh;
 pub mod quality;
 pub mod topology;
 pub mod vtu;
+mod vtu_xml;
 
 pub use boundary::Boundary;
 pub use check::MeshError;

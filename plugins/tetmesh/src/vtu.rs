@@ -1,15 +1,17 @@
 //! VTU files: read into a checked mesh, and written for ParaView and meshio.
 //!
 //! The file's points are the rest positions in metres. Cell data that is always written: `material`, `source` (index of the original
-//! tetrahedron) and `layer` (0 core, 1 hull). Arrays are uncompressed binary; on reading, zlib compression and ASCII are understood too.
+//! tetrahedron) and `layer` (0 core, 1 hull). Arrays are written uncompressed in base64 and read in every encoding
+//! that VTK, ParaView and meshio write.
 
 use crate::check::{MeshError, checked};
 use crate::ids::MaterialId;
 use crate::mesh::TetMesh;
+use crate::vtu_xml::{File, Numbers, Refusal, Section};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use vtkio::model::{
-    Attribute, Attributes, ByteOrder, CellType, Cells, DataArray, DataSet, IOBuffer, UnstructuredGridPiece, Version, VertexNumbers, Vtk,
+    Attribute, Attributes, ByteOrder, CellType, Cells, DataArray, DataSet, UnstructuredGridPiece, Version, VertexNumbers, Vtk,
 };
 
 /// An array of cell data: one integer a tetrahedron, in the order of [`TetMesh::iter`].
@@ -32,12 +34,14 @@ pub enum VtuError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The file is not a VTU or VTK file, or is damaged.
-    #[error("{}: cannot be read as an unstructured grid ({reason}): expected a VTU file, or a legacy VTK file named .vtk", path.display())]
+    /// The file is not a VTU file, or is damaged.
+    #[error("{}: {place} {reason}; expected a VTU file (XML, UnstructuredGrid)", path.display())]
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and where.
+        /// The element.
+        place: String,
+        /// What is wrong with it.
         reason: String,
     },
     /// A cell that is not a tetrahedron.
@@ -48,12 +52,12 @@ pub enum VtuError {
         /// Index of the cell.
         cell: usize,
         /// Its VTK type.
-        cell_type: u8,
+        cell_type: i64,
         /// Its type's name.
-        cell_name: String,
+        cell_name: &'static str,
     },
     /// An array of another length or kind than expected.
-    #[error("{}: array `{array}`: {reason}", path.display())]
+    #[error("{}: array `{array}` {reason}", path.display())]
     Array {
         /// The file.
         path: PathBuf,
@@ -81,59 +85,90 @@ pub fn read(path: &Path) -> Result<TetMesh, VtuError> {
     parse(path, &bytes)
 }
 
-/// Reads a mesh from the bytes of a file; `path` gives the kind (`.vtk` legacy, everything else VTU) and the name for errors.
+/// Reads a mesh from the bytes of a file; `path` gives the name for errors.
 ///
 /// # Errors
 /// As [`read`].
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<TetMesh, VtuError> {
-    let format = |reason: String| VtuError::Format { path: path.into(), reason };
-    let array = |array: &str, reason: String| VtuError::Array { path: path.into(), array: array.into(), reason };
-    let legacy = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("vtk"));
-    // vtkio indexes and multiplies what the file says without a check; a damaged file may make it panic.
-    let parsed = std::panic::catch_unwind(|| if legacy { Vtk::parse_legacy_be(bytes) } else { Vtk::parse_xml(bytes) })
-        .map_err(|_| format("its arrays are shorter than it says".into()))?;
-    let vtk = parsed.map_err(|e| format(e.to_string()))?;
-    let DataSet::UnstructuredGrid { pieces, .. } = vtk.data else {
-        return Err(format("it holds another kind of data set".into()));
-    };
+    let array = |(array, reason): Refusal| VtuError::Array { path: path.into(), array, reason };
+    let refuse = |name: &str, reason: String| array((name.into(), reason));
+    let file = File::open(bytes).map_err(|(place, reason)| VtuError::Format { path: path.into(), place, reason })?;
     let (mut nodes, mut tets, mut materials) = (Vec::new(), Vec::new(), Vec::new());
-    for piece in pieces {
-        let piece: UnstructuredGridPiece = piece.into_loaded_piece_data(None).map_err(|e| format(e.to_string()))?;
-        let first_node = nodes.len();
-        let points = piece.points.cast_into::<f64>().ok_or_else(|| array("Points", "expected 32 or 64 bit floats".into()))?;
-        if points.len() % 3 != 0 {
-            return Err(array("Points", format!("has {} numbers: expected three a point", points.len())));
+    for piece in &file.pieces {
+        let get = |section, name: &str, count: usize| {
+            let numbers = file.numbers(piece, section, name).map_err(array)?;
+            let wrong = numbers.as_ref().map(Numbers::len).filter(|n| *n != count);
+            wrong.map_or(Ok(numbers), |n| Err(refuse(name, format!("has {n} numbers, {count} were expected"))))
+        };
+        let need = |section, name: &str, count| get(section, name, count)?.ok_or_else(|| refuse(name, "is missing".into()));
+        let (first_node, first_cell) = (nodes.len(), tets.len());
+        match need(Section::Points, "Points", piece.points.saturating_mul(3))? {
+            Numbers::Real(x) => nodes.extend(x.chunks_exact(3).map(|p| DVec3::new(p[0], p[1], p[2]))),
+            Numbers::Whole(x) => nodes.extend(x.chunks_exact(3).map(|p| DVec3::new(p[0] as f64, p[1] as f64, p[2] as f64))),
         }
-        nodes.extend(points.chunks_exact(3).map(|p| DVec3::new(p[0], p[1], p[2])));
-        let first_cell = tets.len();
-        for (i, kind) in piece.cells.types.iter().enumerate() {
-            if *kind != CellType::Tetra {
-                let (cell_type, cell_name) = (*kind as u8, format!("{kind:?}"));
-                return Err(VtuError::CellType { path: path.into(), cell: first_cell + i, cell_type, cell_name });
-            }
+        let types = whole(need(Section::Cells, "types", piece.cells)?).map_err(|e| refuse("types", e))?;
+        if let Some((i, kind)) = types.iter().enumerate().find(|(_, kind)| **kind != VTK_TETRA) {
+            let cell = first_cell + i;
+            return Err(VtuError::CellType { path: path.into(), cell, cell_type: *kind, cell_name: cell_name(*kind) });
         }
-        for cell in corners(piece.cells.cell_verts).map_err(|(name, reason)| array(name, reason))? {
+        let offsets = whole(need(Section::Cells, "offsets", piece.cells)?).map_err(|e| refuse("offsets", e))?;
+        if let Some((end, i)) = offsets.iter().zip(1..).find(|(end, i)| **end != 4 * i) {
+            return Err(refuse("offsets", format!("cell {} ends at {end}: expected {}, four nodes a cell", i - 1, 4 * i)));
+        }
+        let corners = need(Section::Cells, "connectivity", piece.cells.saturating_mul(4))?;
+        let corners = whole(corners).map_err(|e| refuse("connectivity", e))?;
+        for (i, n) in corners.chunks_exact(4).enumerate() {
+            let node = |n: i64| usize::try_from(n).ok().filter(|n| *n < piece.points).and_then(|n| u32::try_from(n + first_node).ok());
+            let bad = |n: i64| MeshError::UnknownNode { tet: first_cell + i, node: n, nodes: piece.points };
             let mut tet = [0; 4];
-            for (to, n) in tet.iter_mut().zip(cell) {
-                let node = n.checked_add(first_node as u64).and_then(|n| u32::try_from(n).ok());
-                *to = node.ok_or_else(|| array("connectivity", format!("node {n} is beyond 32 bits")))?;
+            for (to, n) in tet.iter_mut().zip(n) {
+                *to = node(*n).ok_or_else(|| VtuError::Mesh { path: path.into(), source: bad(*n) })?;
             }
             tets.push(tet);
         }
-        if tets.len() - first_cell != piece.cells.types.len() {
-            return Err(array("types", format!("has {} entries for {} cells", piece.cells.types.len(), tets.len() - first_cell)));
-        }
-        materials.resize(first_cell, MaterialId::default());
-        if let Some(values) = cell_values(&piece.data.cell, "material") {
-            let values = values.ok_or_else(|| array("material", "expected whole numbers from 0 to 65535".into()))?;
-            if values.len() != tets.len() - first_cell {
-                return Err(array("material", format!("has {} values for {} cells", values.len(), tets.len() - first_cell)));
+        match get(Section::CellData, "material", piece.cells)? {
+            Some(numbers) => {
+                for (i, m) in whole(numbers).map_err(|e| refuse("material", e))?.into_iter().enumerate() {
+                    let id = u16::try_from(m).map_err(|_| refuse("material", format!("cell {i} has {m}: expected 0 to 65535")))?;
+                    materials.push(MaterialId(id));
+                }
             }
-            materials.extend(values.into_iter().map(MaterialId));
+            None => materials.resize(tets.len(), MaterialId::default()),
         }
-        materials.resize(tets.len(), MaterialId::default());
     }
     checked(&nodes, &tets, &materials).map_err(|source| VtuError::Mesh { path: path.into(), source })
+}
+
+/// The one type of cell that is read and written.
+const VTK_TETRA: i64 = 10;
+
+fn whole(numbers: Numbers) -> Result<Vec<i64>, String> {
+    match numbers {
+        Numbers::Whole(v) => Ok(v),
+        // Others write everything as floating-point numbers; those that are whole are exact far beyond any index.
+        Numbers::Real(v) => match v.iter().position(|x| x.fract() != 0.0 || x.abs() > 1e15) {
+            None => Ok(v.into_iter().map(|x| x as i64).collect()),
+            Some(i) => Err(format!("number {i} is {}: expected a whole one", v[i])),
+        },
+    }
+}
+
+/// The names of the types that a user is likely to meet.
+fn cell_name(cell_type: i64) -> &'static str {
+    match cell_type {
+        1 => "vertex",
+        3 => "line",
+        5 => "triangle",
+        9 => "quadrilateral",
+        11 => "voxel",
+        12 => "hexahedron",
+        13 => "wedge",
+        14 => "pyramid",
+        22 => "quadratic triangle",
+        24 => "quadratic tetrahedron",
+        42 => "polyhedron",
+        _ => "another one",
+    }
 }
 
 /// Writes a mesh with `material`, `source` and `layer`, and `extra` arrays, one value a tetrahedron. The file appears under its name
@@ -153,7 +188,7 @@ pub fn write(path: &Path, mesh: &TetMesh, extra: &[CellArray]) -> Result<(), Vtu
     // Explicitly little-endian: ParaView, meshio and this reader understand both.
     to_vtk(mesh, extra).write_xml(&mut out).map_err(|e| io(std::io::Error::other(e)))?;
     let file = out.into_inner().map_err(|e| io(e.into_error()))?;
-    crate::vtu::publish(file, path).map_err(io)
+    publish(file, path).map_err(io)
 }
 
 /// Gives a complete temporary file its name and the permissions of an ordinary new file.
@@ -164,47 +199,6 @@ fn publish(file: tempfile::NamedTempFile, path: &Path) -> std::io::Result<()> {
         file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
     }
     file.persist(path).map(|_| ()).map_err(|e| e.error)
-}
-
-/// The cells' nodes, four each, or the array that is wrong and why.
-fn corners(cells: VertexNumbers) -> Result<Vec<[u64; 4]>, (&'static str, String)> {
-    let quad = |c: &[u64]| [c[0], c[1], c[2], c[3]];
-    match cells {
-        VertexNumbers::XML { connectivity, offsets } => {
-            let offsets: &[u64] = if offsets.first() == Some(&0) { &offsets[1..] } else { &offsets };
-            if let Some(i) = (0..offsets.len()).find(|&i| offsets[i] != 4 * (i as u64 + 1)) {
-                return Err(("offsets", format!("cell {i} ends at {}: expected {}, four nodes a cell", offsets[i], 4 * (i + 1))));
-            }
-            if connectivity.len() != 4 * offsets.len() {
-                return Err(("connectivity", format!("has {} nodes for {} tetrahedra", connectivity.len(), offsets.len())));
-            }
-            Ok(connectivity.chunks_exact(4).map(quad).collect())
-        }
-        VertexNumbers::Legacy { num_cells, vertices } => {
-            if vertices.len() != 5 * num_cells as usize {
-                return Err(("CELLS", format!("has {} numbers for {num_cells} cells: expected five a cell", vertices.len())));
-            }
-            if let Some(i) = vertices.chunks_exact(5).position(|c| c[0] != 4) {
-                return Err(("CELLS", format!("cell {i} has {} nodes: expected four", vertices[5 * i])));
-            }
-            Ok(vertices.chunks_exact(5).map(|c| [1, 2, 3, 4].map(|k| u64::from(c[k]))).collect())
-        }
-    }
-}
-
-/// The values of a cell array: `None` when there is no array of this name, `Some(None)` when its values do not fit.
-fn cell_values(attributes: &[Attribute], name: &str) -> Option<Option<Vec<u16>>> {
-    attributes.iter().find_map(|a| match a {
-        Attribute::DataArray(d) if d.name == name => Some(whole(&d.data)),
-        Attribute::Field { data_array, .. } => data_array.iter().find(|d| d.name == name).map(|d| whole(&d.data)),
-        Attribute::DataArray(_) => None,
-    })
-}
-
-/// Whole numbers from 0 to 65535, whatever the type they are stored in.
-fn whole(data: &IOBuffer) -> Option<Vec<u16>> {
-    let values: Vec<f64> = data.cast_into()?;
-    values.into_iter().map(|v| (v.fract() == 0.0 && (0.0..=65535.0).contains(&v)).then_some(v as u16)).collect()
 }
 
 fn to_vtk(mesh: &TetMesh, extra: &[CellArray]) -> Vtk {
