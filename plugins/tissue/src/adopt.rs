@@ -61,7 +61,13 @@ pub fn edit_nodes(state: &mut TissueState, edits: &[NodeEdit]) {
 ///
 /// Where mass moves from node to node the linear momentum of the touched nodes would change a little; the difference, divided by their mass,
 /// is given back to all of them as one velocity, so that the momentum after is that before, to rounding.
-pub fn adopt(body: &mut Body, state: &mut TissueState, mesh: &TetMesh, delta: &TopologyDelta, departed: impl FnOnce(&TissueState) -> Momentum) -> Adopted {
+pub fn adopt(
+    body: &mut Body,
+    state: &mut TissueState,
+    mesh: &TetMesh,
+    delta: &TopologyDelta,
+    departed: impl FnOnce(&TissueState) -> Momentum,
+) -> Adopted {
     let reshaped = delta.reshaped(mesh.topology());
     let touched = touched_nodes(body, mesh, delta, &reshaped);
     let before = momentum_of(body, state, &touched);

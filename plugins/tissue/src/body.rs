@@ -67,12 +67,14 @@ impl Body {
     /// # Errors
     /// When a material has constants that no material has.
     pub fn new(mesh: &TetMesh, materials: &OrganMaterials) -> Result<Self, MaterialError> {
-        let materials = materials
-            .0
-            .iter()
-            .map(|m| Ok((NeoHookean::of(m)?, f64::from(m.density_kg_m3))))
-            .collect::<Result<Vec<_>, MaterialError>>()?;
+        let materials =
+            materials.0.iter().map(|m| Ok((NeoHookean::of(m)?, f64::from(m.density_kg_m3)))).collect::<Result<Vec<_>, MaterialError>>()?;
         let mut body = Self { materials, ..Self::default() };
+        // Room to grow, so that the first cuts move no arrays.
+        body.elements.reserve(2 * mesh.tet_slots());
+        body.masses.reserve(2 * mesh.node_slots());
+        body.graph.reserve(2 * mesh.tet_slots());
+        body.colouring.reserve(2 * mesh.tet_slots());
         body.elements.resize(mesh.tet_slots(), Element::VACANT);
         body.masses.resize(mesh.node_slots(), 0.0);
         for (tet, corners) in mesh.iter() {

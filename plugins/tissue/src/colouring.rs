@@ -22,6 +22,12 @@ impl Colouring {
         &self.colours
     }
 
+    /// Makes room for this many elements.
+    pub fn reserve(&mut self, elements: usize) {
+        self.of.reserve(elements);
+        self.place.reserve(elements);
+    }
+
     /// Gives an element of `topology` the smallest colour that no coloured neighbour has.
     pub fn insert(&mut self, tet: TetId, corners: [NodeId; 4], topology: &Topology) {
         let slot = tet.index();

@@ -20,12 +20,8 @@ pub struct Element {
 
 impl Element {
     /// The element of a slot that is not in use.
-    pub const VACANT: Self = Self {
-        nodes: [EMPTY; 4],
-        inverse_rest: Mat3::ZERO,
-        volume: 0.0,
-        material: NeoHookean { mu: 0.0, lambda: 0.0 },
-    };
+    pub const VACANT: Self =
+        Self { nodes: [EMPTY; 4], inverse_rest: Mat3::ZERO, volume: 0.0, material: NeoHookean { mu: 0.0, lambda: 0.0 } };
 
     /// An element with the given rest positions, m.
     #[must_use]

@@ -41,6 +41,16 @@ impl EdgeGraph {
         self.slot.is_empty()
     }
 
+    /// Makes room for this many elements.
+    pub fn reserve(&mut self, elements: usize) {
+        // A large tetrahedral mesh has 1.2 edges an element, a coarse one up to 2.
+        let edges = 2 * elements;
+        self.ends.reserve(edges);
+        self.uses.reserve(edges);
+        self.slot.reserve(edges);
+        self.of_element.reserve(elements);
+    }
+
     /// Adds the edges of an element.
     pub fn insert(&mut self, element: usize, nodes: [u32; 4]) {
         if self.of_element.len() <= element {

@@ -1,4 +1,4 @@
-//! Soft-tissue models and their time stepping.
+#![doc = include_str!("../README.md")]
 
 pub mod adopt;
 pub mod beam;

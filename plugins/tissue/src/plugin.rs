@@ -12,8 +12,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{NodeEdit, NodeId, TopologyDelta};
 use keyhole_whiteboard::tick::running;
 use keyhole_whiteboard::{
-    Anchor, Attachments, FragmentDetached, Gravity, InstrumentPose, OrganMaterials, SceneRequirements, TickSystems, TissueMesh, TissueState,
-    TopologyChanged,
+    Anchor, Attachments, FragmentDetached, Gravity, InstrumentPose, OrganMaterials, SceneRequirements, TickSystems, TissueMesh,
+    TissueState, TopologyChanged,
 };
 use rayon::prelude::*;
 

@@ -19,8 +19,7 @@ pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3,
     let n = settings.substeps.max(1);
     let h = dt / n as f32;
     let mut inverse_mass: Vec<f32> = body.masses.iter().map(|m| if *m > 0.0 { 1.0 / m } else { 0.0 }).collect();
-    let fixed: Vec<(usize, Vec3, Vec3)> =
-        holds.iter().filter_map(|hold| hold.fixes().map(|i| (i, state.positions[i], hold.to))).collect();
+    let fixed: Vec<(usize, Vec3, Vec3)> = holds.iter().filter_map(|hold| hold.fixes().map(|i| (i, state.positions[i], hold.to))).collect();
     for (i, ..) in &fixed {
         inverse_mass[*i] = 0.0;
     }

@@ -1,7 +1,7 @@
 //! Equilibria with known answers, the same for both solvers.
 
-use bevy_math::{DMat3, Vec3};
 use crate::common::{run, split_edges};
+use bevy_math::{DMat3, Vec3};
 use keyhole_tetmesh::{DVec3, TetMesh};
 use keyhole_tissue::beam::{GRAVITY, beam, beam_material, block, clamp, fix, tip_mm};
 use keyhole_tissue::{Body, Hold, Solver, TissueSettings};
@@ -72,11 +72,8 @@ fn patch_test() {
             }
             let body = Body::new(&mesh, &beam_material()).unwrap();
             let linear = DMat3::from_cols(DVec3::new(1.10, 0.05, 0.0), DVec3::new(-0.08, 0.95, 0.02), DVec3::new(0.03, 0.0, 1.04));
-            let holds: Vec<Hold> = mesh
-                .nodes()
-                .filter(|n| mesh.topology().is_boundary_node(*n))
-                .map(|n| fix(n, (linear * mesh.rest(n)).as_vec3()))
-                .collect();
+            let holds: Vec<Hold> =
+                mesh.nodes().filter(|n| mesh.topology().is_boundary_node(*n)).map(|n| fix(n, (linear * mesh.rest(n)).as_vec3())).collect();
             let mut state = TissueState::at_rest(&mesh);
             let settings = TissueSettings { solver, substeps: 20, drag_1_s: 40.0, ..Default::default() };
             run(&body, &mut state, &holds, Vec3::ZERO, &settings, 120);

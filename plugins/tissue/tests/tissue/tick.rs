@@ -7,10 +7,10 @@ use bevy_math::{Isometry3d, Quat, Vec3};
 use bevy_time::{Fixed, Time, TimePlugin, TimeUpdateStrategy};
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_tissue::beam::{beam, beam_material, block};
-use keyhole_tissue::{Quarantined, TissueBody, TissuePlugin, TissueReport};
+use keyhole_tissue::{Quarantined, TissueBody, TissuePlugin, TissueReport, TissueSettings};
 use keyhole_whiteboard::{
-    Anchor, Attachment, Attachments, FragmentDetached, Gravity, InstrumentPose, Organ, SceneRequirements, TissueMesh, TissueState, TopologyChanged,
-    WhiteboardPlugin,
+    Anchor, Attachment, Attachments, FragmentDetached, Gravity, InstrumentPose, Organ, SceneRequirements, TissueMesh, TissueState,
+    TopologyChanged, WhiteboardPlugin,
 };
 use smallvec::smallvec;
 
@@ -57,7 +57,8 @@ fn an_instrument_takes_its_node_along() {
     let to = Isometry3d::new(Vec3::new(0.0, 0.005, 0.01), Quat::from_rotation_y(0.3));
     let tool = app.world_mut().spawn(InstrumentPose { now: to, before: from }).id();
     let local = Vec3::new(0.0, 0.0, -0.01);
-    let attachment = Attachment { point: smallvec![(NodeId(0), 1.0)], anchor: Anchor::Tool { instrument: tool, local }, compliance_m_n: 0.0 };
+    let attachment =
+        Attachment { point: smallvec![(NodeId(0), 1.0)], anchor: Anchor::Tool { instrument: tool, local }, compliance_m_n: 0.0 };
     app.world_mut().entity_mut(organ).insert(Attachments(vec![attachment]));
     app.update();
     let expected = Vec3::from(to.transform_point(local));
@@ -69,6 +70,7 @@ fn an_instrument_takes_its_node_along() {
 fn a_fragment_inherits_its_share() {
     let mut app = app();
     app.insert_resource(Gravity(Vec3::ZERO));
+    app.insert_resource(TissueSettings { drag_1_s: 0.0, ..Default::default() });
     let donor = organ(&mut app, beam(6, 3));
     app.update();
     for (i, v) in app.world_mut().get_mut::<TissueState>(donor).unwrap().velocities.iter_mut().enumerate() {
@@ -81,7 +83,8 @@ fn a_fragment_inherits_its_share() {
 
     let mut mesh = app.world().get::<TissueMesh>(donor).unwrap().0.clone();
     separate(&mut mesh, 0.03);
-    let end: Vec<_> = mesh.iter().filter(|(t, _)| mesh.points(*t).iter().map(|p| p.x).sum::<f64>() / 4.0 > 0.03).map(|(t, c)| (t, c)).collect();
+    let end: Vec<_> =
+        mesh.iter().filter(|(t, _)| mesh.points(*t).iter().map(|p| p.x).sum::<f64>() / 4.0 > 0.03).map(|(t, c)| (t, c)).collect();
     let mut donor_nodes: Vec<NodeId> = end.iter().flat_map(|(_, c)| *c).collect();
     donor_nodes.sort_unstable();
     donor_nodes.dedup();
@@ -120,7 +123,9 @@ fn a_fragment_inherits_its_share() {
     let inherited = &app.world().get::<Attachments>(fragment).unwrap().0;
     assert_eq!(inherited.len(), 1);
     let node = inherited[0].point[0].0;
-    assert!(positions(&app, fragment)[node.index()].distance(app.world().get::<TissueMesh>(fragment).unwrap().0.rest(node).as_vec3()) < 0.02);
+    assert!(
+        positions(&app, fragment)[node.index()].distance(app.world().get::<TissueMesh>(fragment).unwrap().0.rest(node).as_vec3()) < 0.02
+    );
     let report = app.world().resource::<TissueReport>();
     assert_eq!(report.adoptions, 1);
     assert!(report.momentum_error < 1e-6, "{report:?}");
