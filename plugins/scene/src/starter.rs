@@ -24,6 +24,10 @@ const PORT_DISTANCE_M: f64 = 0.15;
 const OVERREACH_M: f64 = 0.012;
 /// Speed of the blade's middle through the organ, m/s.
 const SWEEP_M_S: f64 = 0.016;
+/// Share of the sweep at that speed; the piece hangs by what is left.
+const SLOW: f64 = 0.7;
+/// How much faster the rest is cut, before the piece swings out of the plane.
+const FINISH: f64 = 2.5;
 /// Share of the nodes that is held.
 const HELD: f64 = 0.2;
 /// Keyframes of the sweep.
@@ -146,7 +150,10 @@ fn text(plan: &Plan, name: &str) -> String {
     let left_port = centre + 0.15 * DVec3::new(-0.72, 0.38, 0.58).normalize();
     let scope_port = centre + 0.16 * DVec3::new(0.02, 0.42, 0.9).normalize();
     let rest = DVec3::new(box_.0.x - 0.015, centre.y + 0.01, box_.1.z + 0.005);
-    let (mut hook, sweep_end) = (String::new(), 2.0 + (plan.sweep.1 - plan.sweep.0) * fan.port_distance / SWEEP_M_S);
+    let mut hook = String::new();
+    let sweep_s = (plan.sweep.1 - plan.sweep.0) * fan.port_distance / SWEEP_M_S;
+    let time_at = |f: f64| 2.0 + sweep_s * (f.min(SLOW) + (f - SLOW).max(0.0) / FINISH);
+    let sweep_end = time_at(1.0);
     let mut key = |time: f64, tip: DVec3, active: bool, note: &str| {
         let pedal = if active { ", active: true" } else { "" };
         let _ = writeln!(hook, "                    (time_s: {time:.2}, tip: {}{pedal}),{note}", point(tip));
@@ -155,7 +162,7 @@ fn text(plan: &Plan, name: &str) -> String {
     key(1.4, fan.at(plan.tip_radius_m, plan.sweep.0), false, " // reaches behind it");
     for k in 0..SWEEP_KEYS {
         let f = f64::from(k) / f64::from(SWEEP_KEYS - 1);
-        let (time, angle) = (2.0 + f * (sweep_end - 2.0), plan.sweep.0 + f * (plan.sweep.1 - plan.sweep.0));
+        let (time, angle) = (time_at(f), plan.sweep.0 + f * (plan.sweep.1 - plan.sweep.0));
         let note = if k == 0 {
             " // cuts"
         } else if k + 1 == SWEEP_KEYS {
@@ -180,7 +187,8 @@ fn text(plan: &Plan, name: &str) -> String {
     version: 1,
     name: "{name}",
     description: "Resection of the tumour in one sweep of the blade.",
-    gravity: (0.0, -9.81, 0.0), // m/s2
+    // m/s2. Less than 9.81: irrigation fluid carries most of the organ's weight, so the cut opens gently and the piece is seen falling.
+    gravity: (0.0, -1.5, 0.0),
 
     organs: [
         (
