@@ -3,8 +3,10 @@
 use crate::layers;
 use crate::optics::{Lens, eye_pose};
 use crate::orbit::OrbitState;
+use bevy::anti_alias::fxaa::Fxaa;
 use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
+use bevy::render::renderer::RenderAdapterInfo;
 use bevy::window::PrimaryWindow;
 use keyhole_whiteboard::{Endoscope, ViewMode};
 
@@ -22,6 +24,15 @@ pub struct WindowEye;
 
 /// Vertical angle of view of the global view, rad.
 const GLOBAL_ANGLE_OF_VIEW_RAD: f32 = 0.6;
+
+/// How edges are smoothed: by multisampling, but where the adapter is software that costs a third of a frame, and a filter does.
+pub fn smooth_edges(mut commands: Commands, adapter: Option<Res<RenderAdapterInfo>>, eyes: Query<Entity, Added<Eye>>) {
+    if adapter.is_some_and(|a| a.device_type == wgpu::DeviceType::Cpu) {
+        for eye in &eyes {
+            commands.entity(eye).insert((Msaa::Off, Fxaa::default()));
+        }
+    }
+}
 
 /// Opens the eye in the window, if there is a window.
 pub fn open_window_eye(mut commands: Commands, windows: Query<(), With<PrimaryWindow>>) {
@@ -77,7 +88,7 @@ pub fn aim_eyes(
                 set_perspective(&mut projection, GLOBAL_ANGLE_OF_VIEW_RAD, 0.01, 20.0);
                 camera.clear_color = ClearColorConfig::Custom(Color::linear_rgb(0.020, 0.028, 0.034));
                 *seen = RenderLayers::from_layers(&[0]).union(&layers::global_only());
-                ambient.brightness = 220.0;
+                ambient.brightness = 130.0;
                 if lens.is_some() {
                     commands.entity(entity).remove::<Lens>();
                 }

@@ -66,11 +66,11 @@ pub enum PictureError {
     },
 }
 
-/// Frames before a picture: the scene has to reach the renderer, which works one frame behind.
-const FEWEST_FRAMES: u32 = 4;
+/// Frames before a picture: what the first one left to compile is known in the third, for the renderer works one frame behind.
+const FEWEST_FRAMES: u32 = 3;
 
 /// Frames without anything left to compile before a picture.
-const IDLE_FRAMES: u32 = 3;
+const IDLE_FRAMES: u32 = 2;
 
 /// Frames until a picture is given up.
 const MOST_FRAMES: u32 = 2000;
@@ -135,7 +135,8 @@ pub fn develop(
     }
     let (eye, target, compiling) = (darkroom.eye, darkroom.target.clone(), darkroom.compiling.load(Ordering::Relaxed));
     if let Ok((mut eye, mut camera)) = eyes.get_mut(eye) {
-        let shows = darkroom.job.as_ref().and_then(|job| match job.request.of {
+        // The frame that is asked for is the last one that is drawn.
+        let shows = darkroom.job.as_ref().filter(|job| !job.asked).and_then(|job| match job.request.of {
             PictureOf::View(mode) => Some(mode),
             PictureOf::Window => None,
         });

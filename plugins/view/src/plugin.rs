@@ -1,7 +1,7 @@
 //! The plugin of the view.
 
 use crate::anatomy::{AnatomyBounds, draw_anatomy};
-use crate::eyes::{aim_eyes, follow_mode, open_window_eye, switch_view};
+use crate::eyes::{aim_eyes, follow_mode, open_window_eye, smooth_edges, switch_view};
 use crate::framing::{Framing, frame_scene};
 use crate::materials::TissueMaterials;
 use crate::optics::Lens;
@@ -66,7 +66,7 @@ impl Plugin for ViewPlugin {
                 (
                     (drop_orphans, draw_anatomy, draw_tools, draw_fittings).chain(),
                     (draw_organs, frame_scene).chain(),
-                    (switch_view, develop, follow_mode).chain(),
+                    (switch_view, develop, follow_mode, smooth_edges).chain(),
                 ),
             )
             .add_systems(

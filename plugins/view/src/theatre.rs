@@ -5,6 +5,7 @@ use crate::layers;
 use crate::optics::eye_pose;
 use crate::organs::OrganViews;
 use crate::smoothing::MotionSettings;
+use bevy::light::cluster::GlobalClusterSettings;
 use bevy::light::{CascadeShadowConfigBuilder, DirectionalLightShadowMap, NotShadowCaster};
 use bevy::mesh::VertexAttributeValues;
 use bevy::prelude::*;
@@ -24,7 +25,7 @@ pub struct Cavity;
 pub struct Drape;
 
 /// Illuminance that the light of the endoscope's automatic gain aims at, at the nearest tissue in view, lx.
-const SCOPE_ILLUMINANCE_LX: f32 = 4200.0;
+const SCOPE_ILLUMINANCE_LX: f32 = 3600.0;
 
 /// The light leaves beside the lens, m.
 const LIGHT_BESIDE_LENS: Vec3 = Vec3::new(0.0022, 0.0030, 0.0);
@@ -38,8 +39,13 @@ pub fn furnish(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
     mut shadows: ResMut<DirectionalLightShadowMap>,
+    clusters: Option<ResMut<GlobalClusterSettings>>,
 ) {
     shadows.size = 1024;
+    // One light needs no clusters on the GPU, and on lavapipe (Mesa 22.3.6) they lost it: the laparoscopic view stayed dark.
+    if let Some(mut clusters) = clusters {
+        clusters.gpu_clustering = None;
+    }
     let cascades = CascadeShadowConfigBuilder {
         num_cascades: 1,
         minimum_distance: 0.02,
@@ -56,9 +62,9 @@ pub fn furnish(
         shadow_normal_bias: 1.2,
         ..default()
     };
-    commands.spawn((lamp(Color::srgb(1.0, 0.97, 0.92), 5200.0, true), cascades.build(), from(0.5, 1.0, 0.35), layers::global_only()));
-    commands.spawn((lamp(Color::srgb(0.80, 0.90, 1.0), 1500.0, false), from(-0.8, 0.5, 0.6), layers::global_only()));
-    commands.spawn((lamp(Color::srgb(1.0, 0.95, 0.95), 1100.0, false), from(-0.2, 0.4, -1.0), layers::global_only()));
+    commands.spawn((lamp(Color::srgb(1.0, 0.97, 0.92), 3400.0, true), cascades.build(), from(0.5, 1.0, 0.35), layers::global_only()));
+    commands.spawn((lamp(Color::srgb(0.80, 0.90, 1.0), 750.0, false), from(-0.8, 0.5, 0.6), layers::global_only()));
+    commands.spawn((lamp(Color::srgb(1.0, 0.95, 0.95), 800.0, false), from(-0.2, 0.4, -1.0), layers::global_only()));
     commands.spawn((
         ScopeLight,
         SpotLight {
@@ -80,9 +86,8 @@ pub fn furnish(
         Cavity,
         Mesh3d(meshes.add(cavity_mesh())),
         MeshMaterial3d(materials.add(StandardMaterial {
-            perceptual_roughness: 0.6,
-            clearcoat: 0.5,
-            clearcoat_perceptual_roughness: 0.3,
+            perceptual_roughness: 0.7,
+            reflectance: 0.25,
             cull_mode: Some(Face::Front),
             double_sided: true,
             ..default()
@@ -94,7 +99,7 @@ pub fn furnish(
         Drape,
         Mesh3d(meshes.add(Plane3d::default().mesh().size(1.0, 1.0))),
         MeshMaterial3d(materials.add(StandardMaterial {
-            base_color: Color::linear_rgb(0.030, 0.115, 0.110),
+            base_color: Color::linear_rgb(0.020, 0.075, 0.080),
             perceptual_roughness: 0.95,
             reflectance: 0.15,
             ..default()
@@ -150,9 +155,9 @@ pub fn light_scope(
     spot.intensity += settled * (wanted - spot.intensity);
 }
 
-/// A unit ball with folds, coloured like peritoneum with vessels of fat.
+/// A unit ball with folds, coloured like peritoneum over fat. An icosphere has no poles.
 fn cavity_mesh() -> Mesh {
-    let mut mesh = Sphere::new(1.0).mesh().uv(96, 64);
+    let mut mesh = Sphere::new(1.0).mesh().ico(40).unwrap_or_else(|_| Sphere::new(1.0).mesh().uv(96, 64));
     let mut colours = Vec::new();
     if let Some(VertexAttributeValues::Float32x3(points)) = mesh.attribute_mut(Mesh::ATTRIBUTE_POSITION) {
         for point in points.iter_mut() {
@@ -162,7 +167,7 @@ fn cavity_mesh() -> Mesh {
             let fine = wave(31.0, Vec3::new(0.2, 0.9, -0.4), 0.4) * wave(27.0, Vec3::new(0.8, -0.1, 0.6), 2.0);
             *point = (p * (1.0 + 0.05 * fold + 0.006 * fine)).to_array();
             let fat = (0.5 + 0.9 * fold + 0.25 * fine).clamp(0.0, 1.0);
-            let (flesh, yellow) = (Vec3::new(0.42, 0.11, 0.085), Vec3::new(0.62, 0.38, 0.16));
+            let (flesh, yellow) = (Vec3::new(0.46, 0.105, 0.085), Vec3::new(0.66, 0.36, 0.15));
             let c = flesh.lerp(yellow, 0.75 * fat) * (0.9 + 0.15 * fine);
             colours.push([c.x, c.y, c.z, 1.0]);
         }
