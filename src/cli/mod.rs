@@ -1,6 +1,9 @@
 //! The command line: one file a subcommand. What a command prints, where it writes and how it fails is said in each.
 
+pub mod cut;
 pub mod failure;
+pub mod mesh;
+pub mod phantom;
 pub mod play;
 pub mod run;
 pub mod scene;
@@ -26,8 +29,14 @@ pub enum Command {
     Play(play::PlayArgs),
     /// Perform a scene's demonstration without a window.
     Run(run::RunArgs),
+    /// Make tetrahedra from a scan or from labels.
+    Mesh(mesh::MeshArgs),
+    /// Cut a mesh along a blade's recorded path.
+    Cut(cut::CutArgs),
     /// Check a scene or start a new one.
     Scene(scene::SceneArgs),
+    /// Write a synthetic abdomen scan with its labels.
+    Phantom(phantom::PhantomArgs),
 }
 
 /// When a cut becomes effective.
@@ -61,7 +70,10 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
         None => play::default_scene(),
         Some(Command::Play(args)) => play::run(args),
         Some(Command::Run(args)) => run::run(args),
+        Some(Command::Mesh(args)) => mesh::run(args),
+        Some(Command::Cut(args)) => cut::run(&args),
         Some(Command::Scene(args)) => scene::run(&args),
+        Some(Command::Phantom(args)) => phantom::run(args),
     }
 }
 

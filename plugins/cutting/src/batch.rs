@@ -88,12 +88,21 @@ impl BatchCut {
         self.report(sample.t_s, done, start)
     }
 
-    /// Ends the path: everything settles.
-    pub fn finish(&mut self) -> BatchRow {
+    /// Moves the blade to the last sample and ends the path: everything settles.
+    pub fn last_sample(&mut self, sample: BladeSample) -> BatchRow {
+        let moved = self.sample(sample);
         let start = Instant::now();
         let mut done = StepReport::default();
         self.end(&mut done);
-        self.report(self.last.map_or(0.0, |l| l.t_s), done, start)
+        let ended = self.report(sample.t_s, done, start);
+        BatchRow {
+            step: moved.step,
+            deleted: moved.deleted + ended.deleted,
+            created: moved.created + ended.created,
+            updated: moved.updated + ended.updated,
+            elapsed_us: moved.elapsed_us + ended.elapsed_us,
+            ..ended
+        }
     }
 
     fn end(&mut self, done: &mut StepReport) {

@@ -7,7 +7,7 @@
 
 use crate::cutter::Cutter;
 use bevy_math::{DMat3, Vec3};
-use keyhole_tetmesh::{DVec3, TetId, TetMesh};
+use keyhole_tetmesh::{DVec3, NodeId, TetId, TetMesh};
 
 /// Spacing of the line's points as a part of the mean edge.
 const SPACING: f64 = 0.35;
@@ -41,13 +41,52 @@ impl WorldLine {
     }
 }
 
+/// The tissue as it is: one entry a node slot.
+#[derive(Clone, Copy, Debug)]
+pub struct Tissue<'a> {
+    /// Deformed positions, m.
+    pub positions: &'a [Vec3],
+    /// Velocities, m/s.
+    pub velocities: &'a [Vec3],
+    /// Length of a tick, s.
+    pub dt_s: f32,
+}
+
+/// A point of tissue near the line, and the map there.
+#[derive(Clone, Copy, Debug)]
+struct Anchor {
+    nodes: [NodeId; 4],
+    weights: [f64; 4],
+    rest: DVec3,
+    /// From a vector in the world to one in the rest shape.
+    to_rest: DMat3,
+}
+
+impl Anchor {
+    /// Where the tissue has carried it, m.
+    fn world(&self, positions: &[Vec3]) -> Option<DVec3> {
+        self.nodes.iter().zip(self.weights).try_fold(DVec3::ZERO, |sum, (n, w)| Some(sum + positions.get(n.index())?.as_dvec3() * w))
+    }
+
+    /// How far the tissue has carried it in the last tick, m.
+    fn moved(&self, tissue: Tissue) -> DVec3 {
+        let velocity = |n: &NodeId| tissue.velocities.get(n.index()).copied().unwrap_or_default().as_dvec3();
+        self.nodes.iter().zip(self.weights).fold(DVec3::ZERO, |sum, (n, w)| sum + velocity(n) * w) * f64::from(tissue.dt_s)
+    }
+
+    /// The image of a point of the world in the rest shape, no further than `reach` (m) from the anchor's.
+    fn map(&self, positions: &[Vec3], x: DVec3, reach: f64) -> DVec3 {
+        let offset = self.world(positions).map_or(DVec3::ZERO, |at| x - at);
+        self.rest + (self.to_rest * offset).clamp_length_max(reach)
+    }
+}
+
 /// A point of the line.
 #[derive(Clone, Copy, Debug)]
 struct Mapped {
     world: DVec3,
     rest: DVec3,
-    /// From a vector in the world to one in the rest shape.
-    to_rest: DMat3,
+    anchor: Option<Anchor>,
     inside: bool,
 }
 
@@ -65,6 +104,8 @@ pub struct RestStep {
 pub struct MaterialMap {
     points: Vec<Mapped>,
     last: Option<WorldLine>,
+    /// The line as handed out last.
+    line: Vec<DVec3>,
     /// Whether a line has been handed out since the stroke began.
     begun: bool,
 }
@@ -89,9 +130,10 @@ impl MaterialMap {
         *self = Self::default();
     }
 
-    /// The steps that take the blade from where it was to `now`, through tissue deformed to `positions` (m, by node slot). The second value
-    /// tells whether the blade has left the tissue at the end of them: the stroke is over.
-    pub fn steps(&mut self, mesh: &TetMesh, cutter: &Cutter, positions: &[Vec3], now: WorldLine) -> (Vec<RestStep>, bool) {
+    /// The steps that take the blade from where it was to `now`, through tissue as it is. The second value tells whether the blade has left the
+    /// tissue at the end of them: the stroke is over.
+    pub fn steps(&mut self, mesh: &TetMesh, cutter: &Cutter, tissue: Tissue, now: WorldLine) -> (Vec<RestStep>, bool) {
+        let positions = tissue.positions;
         let edge = cutter.mean_edge_m();
         let before = self.last.replace(now).unwrap_or(now);
         let near = near_tets(mesh, positions, &[before, now]);
@@ -113,30 +155,40 @@ impl MaterialMap {
             let found = locate(mesh, &near, &world);
             if !self.begun {
                 if found.iter().all(Option::is_none) {
-                    self.points = world.iter().map(|w| Mapped { world: *w, rest: *w, to_rest: DMat3::IDENTITY, inside: false }).collect();
+                    self.points = world.iter().map(|w| Mapped { world: *w, rest: *w, anchor: None, inside: false }).collect();
                     continue;
                 }
-                let here = self.follow(mesh, cutter, &world, &found, edge);
-                if self.points.len() == count {
-                    // Where the blade was just before it came in, seen through the tissue it came into.
-                    let entry: Vec<DVec3> =
-                        here.iter().zip(&self.points).map(|(h, p)| h.rest + h.to_rest * (p.world - h.world).clamp_length_max(STEP * edge)).collect();
-                    steps.push(RestStep { line: entry, inside: here.iter().filter(|p| p.inside).map(|p| p.rest).collect() });
-                }
+                let here = self.follow(mesh, cutter, positions, &world, &found);
+                // Where the blade was just before it came in, seen through the tissue it came into, which may have moved itself.
+                let entry = here.iter().enumerate().map(|(i, h)| {
+                    let Some(anchor) = h.anchor else { return h.rest };
+                    let was = self.points.get(i).filter(|_| self.points.len() == count).map_or(h.world, |p| p.world);
+                    h.rest + (anchor.to_rest * (was - h.world + anchor.moved(tissue))).clamp_length_max(edge)
+                });
+                steps.push(RestStep { line: entry.collect(), inside: here.iter().filter(|p| p.inside).map(|p| p.rest).collect() });
                 self.begun = true;
                 self.points = here;
             } else {
-                self.points = self.follow(mesh, cutter, &world, &found, edge);
+                self.points = self.follow(mesh, cutter, positions, &world, &found);
             }
-            steps.push(RestStep {
-                line: self.points.iter().map(|p| p.rest).collect(),
-                inside: self.points.iter().filter(|p| p.inside).map(|p| p.rest).collect(),
-            });
+            let line: Vec<DVec3> = self.points.iter().map(|p| p.rest).collect();
+            let inside: Vec<DVec3> = self.points.iter().filter(|p| p.inside).map(|p| p.rest).collect();
+            // Tissue that moves fast across the blade moves its image far.
+            let from = steps.last().map_or(&self.line, |s: &RestStep| &s.line).clone();
+            let jump = line.iter().zip(&from).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+            let parts = (jump / (1.5 * STEP * edge)).ceil().clamp(1.0, 64.0) as usize;
+            steps.extend((1..=parts).map(|i| {
+                let s = i as f64 / parts as f64;
+                let part = if from.len() == line.len() { from.iter().zip(&line).map(|(a, b)| a.lerp(*b, s)).collect() } else { line.clone() };
+                RestStep { line: part, inside: inside.clone() }
+            }));
+            self.line = line;
             let out = |p: &Mapped| !p.inside && cutter.tets_at(mesh, &[p.rest]).is_empty();
             left = self.points.iter().all(out);
             if left {
                 self.begun = false;
                 self.points.clear();
+                self.line.clear();
                 break;
             }
         }
@@ -144,27 +196,26 @@ impl MaterialMap {
     }
 
     /// The line at its new place in the world.
-    fn follow(&self, mesh: &TetMesh, cutter: &Cutter, world: &[DVec3], found: &[Option<Mapped>], edge: f64) -> Vec<Mapped> {
+    fn follow(&self, mesh: &TetMesh, cutter: &Cutter, positions: &[Vec3], world: &[DVec3], found: &[Option<Anchor>]) -> Vec<Mapped> {
+        let reach = REACH * cutter.mean_edge_m();
         let inside: Vec<usize> = (0..world.len()).filter(|&i| found[i].is_some()).collect();
-        let in_tissue = |rest: DVec3| !cutter.tets_at(mesh, &[rest]).is_empty();
         let mut here: Vec<Mapped> = Vec::with_capacity(world.len());
         for (i, &x) in world.iter().enumerate() {
-            if let Some(mapped) = found[i] {
-                here.push(mapped);
+            if let Some(anchor) = found[i] {
+                here.push(Mapped { world: x, rest: anchor.rest, anchor: Some(anchor), inside: true });
                 continue;
             }
-            let own = self.points.get(i).filter(|_| self.begun).copied();
+            let own = self.points.get(i).filter(|_| self.begun);
             let at = inside.partition_point(|&j| j < i);
             let nearest = [at.checked_sub(1), Some(at)].into_iter().flatten().filter_map(|k| inside.get(k)).min_by_key(|j| j.abs_diff(i));
-            let reference = nearest.and_then(|&j| found[j]).or(own);
-            let Some(reference) = reference else {
-                here.push(Mapped { world: x, rest: x, to_rest: DMat3::IDENTITY, inside: false });
+            let Some(anchor) = nearest.and_then(|&j| found[j]).or(own.and_then(|p| p.anchor)) else {
+                here.push(Mapped { world: x, rest: x, anchor: None, inside: false });
                 continue;
             };
-            let out = reference.to_rest * (x - reference.world);
-            let rest = reference.rest + out.clamp_length_max(REACH * edge);
-            let rest = if in_tissue(rest) { own.map_or(reference.rest, |p| p.rest) } else { rest };
-            here.push(Mapped { world: x, rest, to_rest: reference.to_rest, inside: false });
+            let out = anchor.map(positions, x, reach);
+            let in_a_cut = !cutter.tets_at(mesh, &[out]).is_empty();
+            let rest = if in_a_cut { own.map_or(anchor.rest, |p| p.rest) } else { out };
+            here.push(Mapped { world: x, rest, anchor: Some(anchor), inside: false });
         }
         here
     }
@@ -189,9 +240,9 @@ fn near_tets(mesh: &TetMesh, positions: &[Vec3], lines: &[WorldLine]) -> Vec<Nea
         .collect()
 }
 
-/// For each point of a line the tetrahedron that holds it, as a map; the one with the smallest id where several do.
-fn locate(mesh: &TetMesh, near: &[Near], world: &[DVec3]) -> Vec<Option<Mapped>> {
-    let mut found: Vec<Option<Mapped>> = vec![None; world.len()];
+/// For each point of a line the tetrahedron that holds it, as an anchor; the one with the smallest id where several do.
+fn locate(mesh: &TetMesh, near: &[Near], world: &[DVec3]) -> Vec<Option<Anchor>> {
+    let mut found: Vec<Option<Anchor>> = vec![None; world.len()];
     for candidate in near {
         for (i, x) in world.iter().enumerate() {
             if found[i].is_none() && candidate.min.cmple(*x).all() && x.cmple(candidate.max).all() {
@@ -203,7 +254,7 @@ fn locate(mesh: &TetMesh, near: &[Near], world: &[DVec3]) -> Vec<Option<Mapped>>
 }
 
 /// The image of a point in the rest shape, when the tetrahedron holds it and is not turned over.
-fn map_through(mesh: &TetMesh, near: &Near, x: DVec3) -> Option<Mapped> {
+fn map_through(mesh: &TetMesh, near: &Near, x: DVec3) -> Option<Anchor> {
     let [a, b, c, d] = near.world;
     let deformed = DMat3::from_cols(b - a, c - a, d - a);
     if deformed.determinant() <= 0.0 {
@@ -216,5 +267,6 @@ fn map_through(mesh: &TetMesh, near: &Near, x: DVec3) -> Option<Mapped> {
     }
     let [ra, rb, rc, rd] = mesh.points(near.tet);
     let to_rest = DMat3::from_cols(rb - ra, rc - ra, rd - ra) * inverse;
-    Some(Mapped { world: x, rest: ra + to_rest * (x - a), to_rest, inside: true })
+    let weights = [1.0 - w.element_sum(), w.x, w.y, w.z];
+    Some(Anchor { nodes: mesh.corners(near.tet), weights, rest: ra + to_rest * (x - a), to_rest })
 }

@@ -2,10 +2,9 @@
 
 use crate::cutter::{Cutter, Operations};
 use crate::fragment::{self, Fragment};
-use crate::material_map::{MaterialMap, WorldLine};
+use crate::material_map::{MaterialMap, Tissue, WorldLine};
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
-use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
     Blade, CutSettings, CutStatus, FragmentDetached, FreedFrom, InstrumentPose, Organ, OrganMaterials, SceneRequirements, TickSystems,
@@ -65,6 +64,7 @@ fn cut_organs(
     mut organs: Query<(Entity, &mut TissueMesh, &TissueState, &mut OrganCutter)>,
     blades: Query<(Entity, &InstrumentPose, &Blade)>,
     settings: Res<CutSettings>,
+    time: Res<Time<Fixed>>,
     mut status: ResMut<CutStatus>,
 ) {
     let mut active: Vec<_> = blades.iter().filter(|(_, _, blade)| blade.active).collect();
@@ -85,7 +85,8 @@ fn cut_organs(
         }
         let Some((_, pose, blade)) = blade else { continue };
         organ.cutter.set_settings(*settings);
-        organ.cut(&mut mesh, &state.positions, world_line(pose, blade), &mut status);
+        let tissue = Tissue { positions: &state.positions, velocities: &state.velocities, dt_s: time.delta_secs() };
+        organ.cut(&mut mesh, tissue, world_line(pose, blade), &mut status);
         cutting |= organ.map.has_begun();
     }
     if status.cutting != cutting {
@@ -102,8 +103,8 @@ fn send_changes(mut organs: Query<(Entity, &mut TissueMesh)>, mut changes: Messa
 }
 
 impl OrganCutter {
-    fn cut(&mut self, mesh: &mut Mut<TissueMesh>, positions: &[Vec3], line: WorldLine, status: &mut CutStatus) {
-        let (steps, left) = self.map.steps(&mesh.0, &self.cutter, positions, line);
+    fn cut(&mut self, mesh: &mut Mut<TissueMesh>, tissue: Tissue, line: WorldLine, status: &mut CutStatus) {
+        let (steps, left) = self.map.steps(&mesh.0, &self.cutter, tissue, line);
         for step in steps {
             let seeds = self.cutter.tets_at(&mesh.0, &step.inside);
             let report = self.cutter.advance(&mut mesh.0, &step.line, &seeds);
