@@ -395,9 +395,8 @@ impl Cutter {
                 let key = self.base.face_key(tet, face);
                 let triangle = key.nodes().map(|n| mesh.rest(n));
                 let box_of_face = Aabb::of(&triangle);
-                let pierced = strip
-                    .segments(&near)
-                    .any(|[p, q]| Aabb::of(&[p, q]).overlaps(&box_of_face) && pierce(triangle, p, q).is_some());
+                let pierced =
+                    strip.segments(&near).any(|[p, q]| Aabb::of(&[p, q]).overlaps(&box_of_face) && pierce(triangle, p, q).is_some());
                 if pierced {
                     meets = true;
                     if let Some(other) = self.base.neighbour(tet, face) {

@@ -179,7 +179,8 @@ impl MaterialMap {
             let parts = (jump / (1.5 * STEP * edge)).ceil().clamp(1.0, 64.0) as usize;
             steps.extend((1..=parts).map(|i| {
                 let s = i as f64 / parts as f64;
-                let part = if from.len() == line.len() { from.iter().zip(&line).map(|(a, b)| a.lerp(*b, s)).collect() } else { line.clone() };
+                let part =
+                    if from.len() == line.len() { from.iter().zip(&line).map(|(a, b)| a.lerp(*b, s)).collect() } else { line.clone() };
                 RestStep { line: part, inside: inside.clone() }
             }));
             self.line = line;

@@ -3,7 +3,7 @@
 use crate::cutter::Cutter;
 use crate::kernel::{Child, Vertex, subdivide};
 use crate::release::{FaceState, split_order, split_rank};
-use crate::stroke::{FaceWeights, Placed, Touched};
+use crate::stroke::{CrossingState, FaceWeights, Placed, Touched};
 use keyhole_tetmesh::quality::is_positive;
 use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, NodeWeights, TetId, TetMesh};
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -12,6 +12,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Stands for a node that separation has yet to name.
 pub(crate) const UNNAMED: NodeId = NodeId(u32::MAX);
+
+/// How often a step is taken back before it is left as it is: each time takes back all of the step's events at the places at fault.
+const ROUNDS: usize = 4;
 
 /// What a base tetrahedron is to become.
 struct Plan {
@@ -52,40 +55,15 @@ impl Cutter {
             .collect();
         candidates.extend(fresh_on_sheet);
 
-        let old_points = std::mem::take(&mut self.stroke.face_points);
-        let mut points = old_points.clone();
-        let mut states: FxHashMap<FaceKey, FaceState> = FxHashMap::default();
-        self.stroke.face_points = old_points.clone();
-        let mut faces_seen = BTreeSet::new();
-        for &tet in &candidates {
-            for face in 0..4 {
-                faces_seen.insert(self.base.face_key(tet, face));
+        let old_points = self.stroke.face_points.clone();
+        let faces_seen: BTreeSet<FaceKey> = candidates.iter().flat_map(|t| (0..4).map(|f| self.base.face_key(*t, f))).collect();
+        let mut held: FxHashSet<FaceKey> = FxHashSet::default();
+        let mut plans = self.plans(mesh, &candidates, &faces_seen, &old_points, &held);
+        for _ in 0..ROUNDS {
+            if !self.take_back(mesh, &plans, &mut held) {
+                break;
             }
-        }
-        for &face in &faces_seen {
-            match self.face_point(mesh, face) {
-                Some((w, state)) => {
-                    points.insert(face, w);
-                    states.insert(face, state);
-                }
-                None => {
-                    points.remove(&face);
-                }
-            }
-        }
-        self.stroke.face_points = points;
-
-        let mut plans = Vec::new();
-        for &tet in &candidates {
-            let plan = self.plan(mesh, tet, &states);
-            let trivial = plan.faces.is_empty() && plan.edges.is_empty();
-            let known = self.stroke.touched.get(&tet);
-            let on_sheet = self.base.corners(tet).iter().any(|n| self.stroke.on_sheet.contains_key(n));
-            let same = known.is_some_and(|k| k.faces == plan.faces && k.edges == plan.edges);
-            if same || (trivial && known.is_none() && !on_sheet) {
-                continue;
-            }
-            plans.push(plan);
+            plans = self.plans(mesh, &candidates, &faces_seen, &old_points, &held);
         }
 
         // New points in the tissue as it is before the edit; then moved points; then tetrahedra.
@@ -109,18 +87,78 @@ impl Cutter {
         }
     }
 
+    /// What the candidates are to become, and with it the released face points. A held face keeps the point it had.
+    fn plans(
+        &mut self,
+        mesh: &TetMesh,
+        candidates: &BTreeSet<TetId>,
+        faces: &BTreeSet<FaceKey>,
+        old_points: &FxHashMap<FaceKey, FaceWeights>,
+        held: &FxHashSet<FaceKey>,
+    ) -> Vec<Plan> {
+        self.stroke.face_points.clone_from(old_points);
+        let mut points = old_points.clone();
+        let mut states: FxHashMap<FaceKey, FaceState> = FxHashMap::default();
+        for face in faces {
+            let mut point = self.face_point(mesh, *face);
+            if held.contains(face) {
+                point = point.and_then(|(_, state)| old_points.get(face).map(|w| (*w, state)));
+            }
+            match point {
+                Some((w, state)) => {
+                    points.insert(*face, w);
+                    states.insert(*face, state);
+                }
+                None => {
+                    points.remove(face);
+                }
+            }
+        }
+        self.stroke.face_points = points;
+        let plans = candidates.iter().map(|&tet| self.plan(mesh, tet, &states));
+        plans
+            .filter(|plan| {
+                let trivial = plan.faces.is_empty() && plan.edges.is_empty();
+                let known = self.stroke.touched.get(&plan.base);
+                let on_sheet = || self.base.corners(plan.base).iter().any(|n| self.stroke.on_sheet.contains_key(n));
+                let same = known.is_some_and(|k| k.faces == plan.faces && k.edges == plan.edges);
+                !same && (!trivial || known.is_some() || on_sheet())
+            })
+            .collect()
+    }
+
+    /// Takes back the events of this step that would make a tetrahedron that is not positive: crossings wait for the next step, face points
+    /// stay where they were. Returns whether there were any. Only rounding can bring this about.
+    fn take_back(&mut self, mesh: &TetMesh, plans: &[Plan], held: &mut FxHashSet<FaceKey>) -> bool {
+        let mut any = false;
+        for plan in plans {
+            let children = subdivide(self.base.corners(plan.base), &plan.faces, &plan.edges);
+            if children.iter().all(|c| is_positive(c.map(|v| self.vertex_rest(mesh, v)))) {
+                continue;
+            }
+            for edge in plan.edges.iter().filter(|e| !self.stroke.sides.contains_key(&Vertex::Edge(**e))) {
+                if let Some(c) = self.stroke.crossings.get_mut(edge)
+                    && c.state == CrossingState::Released
+                {
+                    c.state = CrossingState::Recorded;
+                    c.settled = false;
+                    self.stroke.unsettled.push(*edge);
+                    any = true;
+                }
+            }
+            any |= plan.faces.iter().fold(false, |fresh, f| held.insert(*f) || fresh);
+            self.operations.deferred += 1;
+        }
+        any
+    }
+
     fn plan(&self, mesh: &TetMesh, base: TetId, states: &FxHashMap<FaceKey, FaceState>) -> Plan {
         let corners = self.base.corners(base);
-        let mut faces: Vec<(FaceState, FaceKey)> = (0..4)
-            .map(|f| self.base.face_key(base, f))
-            .filter_map(|f| states.get(&f).map(|s| (*s, f)))
-            .collect();
+        let mut faces: Vec<(FaceState, FaceKey)> =
+            (0..4).map(|f| self.base.face_key(base, f)).filter_map(|f| states.get(&f).map(|s| (*s, f))).collect();
         faces.sort_unstable();
-        let mut edges: Vec<EdgeKey> = EDGES
-            .iter()
-            .map(|&[i, j]| EdgeKey::new(corners[i], corners[j]))
-            .filter(|e| self.stroke.released(*e).is_some())
-            .collect();
+        let mut edges: Vec<EdgeKey> =
+            EDGES.iter().map(|&[i, j]| EdgeKey::new(corners[i], corners[j])).filter(|e| self.stroke.released(*e).is_some()).collect();
         let rank = |e: &EdgeKey| self.stroke.ranks.get(e).copied().unwrap_or_else(|| split_rank(mesh, *e));
         edges.sort_by(|a, b| split_order((&rank(a), *a), (&rank(b), *b)));
         Plan { base, faces: faces.into_iter().map(|(_, f)| f).collect(), edges }
@@ -185,9 +223,8 @@ impl Cutter {
         for base in bases {
             let Some(touched) = self.stroke.touched.get(&base) else { continue };
             for child in &touched.children {
-                let on: Vec<(NodeId, FaceWeights)> = (0..4)
-                    .filter_map(|i| self.on_base_face(face, child.key[i], old_points).map(|b| (child.nodes[i], b)))
-                    .collect();
+                let on: Vec<(NodeId, FaceWeights)> =
+                    (0..4).filter_map(|i| self.on_base_face(face, child.key[i], old_points).map(|b| (child.nodes[i], b))).collect();
                 let [a, b, c] = on.as_slice() else { continue };
                 let Some(inner) = solve_weights([a.1, b.1, c.1], w) else { continue };
                 let least = inner.iter().copied().fold(f64::INFINITY, f64::min);
@@ -214,7 +251,13 @@ impl Cutter {
                 w[j] = t;
                 Some(w)
             }
-            Vertex::Face(f) => if f == face { old_points.get(&f).copied() } else { None },
+            Vertex::Face(f) => {
+                if f == face {
+                    old_points.get(&f).copied()
+                } else {
+                    None
+                }
+            }
         }
     }
 
@@ -232,7 +275,6 @@ impl Cutter {
         };
         vertices.extend(old.iter().flat_map(|c| c.key).filter(|v| self.stroke.is_on_sheet(*v)));
         let keys = subdivide(corners, &plan.faces, &plan.edges);
-        debug_assert!(keys.iter().all(|k| is_positive(k.map(|v| self.vertex_rest(mesh, v)))));
         let children = keys
             .into_iter()
             .map(|key| match old.iter().position(|c| c.key == key) {

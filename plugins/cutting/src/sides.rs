@@ -102,8 +102,7 @@ impl Cutter {
                     continue;
                 }
                 self.stroke.node_sides.insert(other, there);
-                let crossing =
-                    if edge.nodes()[0] == node { Crossing::new(CLEARANCE, side) } else { Crossing::new(1.0 - CLEARANCE, there) };
+                let crossing = if edge.nodes()[0] == node { Crossing::new(CLEARANCE, side) } else { Crossing::new(1.0 - CLEARANCE, there) };
                 self.add_crossing(mesh, edge, crossing, affected);
             }
         }

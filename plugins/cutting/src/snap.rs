@@ -73,13 +73,14 @@ impl Cutter {
             let then = corners.map(|n| if n == node { place } else { mesh.rest(n) });
             is_positive(then) && min_altitude(then) >= ALTITUDE_KEPT * min_altitude(now)
         });
-        let has_face_point = around.iter().any(|&t| {
-            (0..4).any(|f| self.stroke.face_points.contains_key(&self.base.face_key(t, f)) && self.base.corners(t)[f] != node)
-        });
+        let has_face_point = around
+            .iter()
+            .any(|&t| (0..4).any(|f| self.stroke.face_points.contains_key(&self.base.face_key(t, f)) && self.base.corners(t)[f] != node));
         if !allowed || has_face_point {
             return;
         }
-        let side = self.stroke.node_sides.get(&node).copied().unwrap_or(if edge.nodes()[0] == node { crossing.side } else { -crossing.side });
+        let side =
+            self.stroke.node_sides.get(&node).copied().unwrap_or(if edge.nodes()[0] == node { crossing.side } else { -crossing.side });
         for &tet in &around {
             let corners = self.base.corners(tet);
             self.grid.remove(tet, corners.map(|n| mesh.rest(n)));

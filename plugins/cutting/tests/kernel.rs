@@ -48,12 +48,11 @@ impl Shape {
 
 fn shape() -> impl Strategy<Value = Shape> {
     let corner = prop::array::uniform3(-0.3..0.3_f64);
-    (prop::array::uniform4(corner), prop::array::uniform6(0.05..0.95_f64), prop::array::uniform4(prop::array::uniform3(0.1..1.0_f64))).prop_map(
-        |(off, t, w)| {
+    (prop::array::uniform4(corner), prop::array::uniform6(0.05..0.95_f64), prop::array::uniform4(prop::array::uniform3(0.1..1.0_f64)))
+        .prop_map(|(off, t, w)| {
             let regular = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
             Shape { corners: std::array::from_fn(|i| regular[i] + DVec3::from_array(off[i]) * 0.5), t, w }
-        },
-    )
+        })
 }
 
 proptest! {
@@ -170,7 +169,8 @@ fn agrees_with_templates_checked_elsewhere() {
                 .iter()
                 .map(|t| std::array::from_fn(|i| vertex(t[i].as_str().expect("a name"))))
                 .collect();
-            let mut edges: Vec<EdgeKey> = tets.iter().flatten().filter_map(|v| if let Vertex::Edge(e) = v { Some(*e) } else { None }).collect();
+            let mut edges: Vec<EdgeKey> =
+                tets.iter().flatten().filter_map(|v| if let Vertex::Edge(e) = v { Some(*e) } else { None }).collect();
             edges.sort_unstable();
             edges.dedup();
             let ours = subdivide(CORNERS, &[], &edges);

@@ -157,6 +157,26 @@ fn gcd(a: u32, b: u32) -> u32 {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
+/// Far from the origin the coordinates are too coarse for some children: their events are taken back, and everything stays sound.
+#[test]
+fn events_that_rounding_would_turn_over_are_taken_back() {
+    let near = block([6, 4, 4], H, 0.2);
+    let far = DVec3::splat(1.0e11);
+    let nodes: Vec<DVec3> = near.rest_positions().iter().map(|p| *p + far).collect();
+    let tets: Vec<[u32; 4]> = near.iter().map(|(_, c)| c.map(|n| n.0)).collect();
+    let mut mesh = keyhole_tetmesh::check::checked(&nodes, &tets, &[]).expect("the block is sound at this distance");
+    let mut cutter = cutter(&mesh, CutMethod::Progressive, 0.0);
+    for points in along_x(-0.1, 1.1, -0.2) {
+        let points: Vec<DVec3> = points.iter().map(|p| *p + far).collect();
+        step(&mut cutter, &mut mesh, &points);
+        for (t, _) in mesh.iter() {
+            assert!(keyhole_tetmesh::quality::is_positive(mesh.points(t)), "{t:?} is turned over");
+        }
+    }
+    cutter.end_stroke(&mut mesh);
+    assert!(cutter.operations().deferred > 0, "this distance is not coarse enough to test anything");
+}
+
 /// A blade at rest with the tissue pulled across it makes the partition of the blade moved the other way through tissue at rest.
 #[test]
 fn tissue_pulled_across_a_blade_at_rest_is_cut_like_tissue_at_rest_under_a_moving_blade() {

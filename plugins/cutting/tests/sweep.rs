@@ -34,7 +34,11 @@ fn cut(mesh: &mut TetMesh, method: CutMethod, pattern: CutPattern, snap: f64, pa
         let now = verdict(mesh);
         assert!((now.volume - before.volume).abs() <= 1e-12 * before.volume, "volume changed: {} to {}", before.volume, now.volume);
         let area = cutter.opened_m2(mesh);
-        assert!((now.boundary_area - before.boundary_area - 2.0 * area).abs() < 1e-9 * before.boundary_area, "the opened area {area} is not the boundary's {}", (now.boundary_area - before.boundary_area) / 2.0);
+        assert!(
+            (now.boundary_area - before.boundary_area - 2.0 * area).abs() < 1e-9 * before.boundary_area,
+            "the opened area {area} is not the boundary's {}",
+            (now.boundary_area - before.boundary_area) / 2.0
+        );
         assert!(area >= opened * 0.98, "the cut closed: {opened} to {area}");
         opened = area;
         if method == CutMethod::Progressive {
