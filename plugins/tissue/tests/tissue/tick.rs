@@ -83,8 +83,7 @@ fn a_fragment_inherits_its_share() {
 
     let mut mesh = app.world().get::<TissueMesh>(donor).unwrap().0.clone();
     separate(&mut mesh, 0.03);
-    let end: Vec<_> =
-        mesh.iter().filter(|(t, _)| mesh.points(*t).iter().map(|p| p.x).sum::<f64>() / 4.0 > 0.03).map(|(t, c)| (t, c)).collect();
+    let end: Vec<_> = mesh.iter().filter(|(t, _)| mesh.points(*t).iter().map(|p| p.x).sum::<f64>() / 4.0 > 0.03).collect();
     let mut donor_nodes: Vec<NodeId> = end.iter().flat_map(|(_, c)| *c).collect();
     donor_nodes.sort_unstable();
     donor_nodes.dedup();
