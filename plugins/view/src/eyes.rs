@@ -5,6 +5,7 @@ use crate::optics::{Lens, eye_pose};
 use crate::orbit::OrbitState;
 use bevy::anti_alias::fxaa::Fxaa;
 use bevy::camera::visibility::RenderLayers;
+use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::prelude::*;
 use bevy::render::renderer::RenderAdapterInfo;
 use bevy::window::PrimaryWindow;
@@ -12,7 +13,7 @@ use keyhole_whiteboard::{Endoscope, ViewMode};
 
 /// A camera that shows one of the views.
 #[derive(Component, Clone, Copy, Debug, PartialEq, Eq)]
-#[require(Camera3d, AmbientLight, RenderLayers)]
+#[require(Camera3d, AmbientLight, RenderLayers, Tonemapping = Tonemapping::AcesFitted)]
 pub struct Eye {
     /// Which view.
     pub shows: ViewMode,

@@ -56,7 +56,7 @@ impl OrbitState {
     /// Looks at the whole scene.
     pub fn frame(&mut self, framing: &Framing) {
         self.focus = framing.focus;
-        self.distance_m = 4.2 * framing.radius_m;
+        self.distance_m = 5.2 * framing.radius_m;
     }
 }
 
