@@ -1,7 +1,7 @@
 //! What to do with a mesh that is turned inside out somewhere.
 //!
 //! An inverted element can be in equilibrium with its neighbours, and going downhill does not take it out of there. Extended position-based
-//! dynamics does: beams of 10 kPa scrambled at random come back to rest within a second. So a tick that starts with an inverted element is stepped by
+//! dynamics does: beams of 10 kPa scrambled at random come back to rest within three seconds. So a tick that starts with an inverted element is stepped by
 //! it.
 
 use crate::body::Body;
