@@ -16,8 +16,8 @@ pub struct Fragment {
     pub donor_nodes: Vec<NodeId>,
 }
 
-/// Takes all pieces but the largest out of a mesh. Looks at the whole mesh: it is the one part of cutting that does, once a stroke.
-pub fn detach(mesh: &mut TetMesh, cutter: &mut Cutter) -> Vec<Fragment> {
+/// Takes all pieces but one out of a mesh: the one that stays holds most of the nodes `held`, the largest one among equals. Looks at the whole mesh: it is the one part of cutting that does, once a stroke.
+pub fn detach(mesh: &mut TetMesh, cutter: &mut Cutter, held: &[NodeId]) -> Vec<Fragment> {
     let components = Components::of(mesh);
     if components.len() < 2 {
         return Vec::new();
@@ -27,8 +27,14 @@ pub fn detach(mesh: &mut TetMesh, cutter: &mut Cutter) -> Vec<Fragment> {
     for (tet, _) in mesh.iter() {
         pieces[components.component(tet) as usize].push(tet);
     }
-    let free = pieces.into_iter().zip(&components.volumes).skip(1).filter(|(_, v)| **v > smallest);
-    free.map(|(tets, _)| take_out(mesh, cutter, &tets)).collect()
+    let mut holds = vec![0_u32; components.len()];
+    for tet in held.iter().filter_map(|n| mesh.topology().around_node(*n).first()) {
+        holds[components.component(*tet) as usize] += 1;
+    }
+    let most = holds.iter().copied().max().unwrap_or(0);
+    let stays = holds.iter().position(|h| *h == most).unwrap_or(0);
+    let free = pieces.into_iter().zip(&components.volumes).enumerate().filter(|(i, (_, v))| *i != stays && **v > smallest);
+    free.map(|(_, (tets, _))| take_out(mesh, cutter, &tets)).collect()
 }
 
 fn take_out(mesh: &mut TetMesh, cutter: &mut Cutter, tets: &[TetId]) -> Fragment {

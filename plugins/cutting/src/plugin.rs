@@ -7,8 +7,8 @@ use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, CutSettings, CutStatus, FragmentDetached, FreedFrom, InstrumentPose, Organ, OrganMaterials, SceneRequirements, TickSystems,
-    TissueMesh, TissueState, TopologyChanged,
+    Attachments, Blade, CutSettings, CutStatus, FragmentDetached, FreedFrom, InstrumentPose, Organ, OrganMaterials, SceneRequirements,
+    TickSystems, TissueMesh, TissueState, TopologyChanged,
 };
 
 /// Cuts organs with active blades, in [`TickSystems::Cut`].
@@ -42,15 +42,16 @@ fn prepare_organs(mut commands: Commands, organs: Query<(Entity, &TissueMesh), W
 /// Frees the pieces that the strokes ended in the last tick cut off. A tick later, so that the donor's state has every node.
 fn detach_fragments(
     mut commands: Commands,
-    mut organs: Query<(Entity, &Organ, &OrganMaterials, &mut TissueMesh, &mut OrganCutter)>,
+    mut organs: Query<(Entity, &Organ, &OrganMaterials, &Attachments, &mut TissueMesh, &mut OrganCutter)>,
     mut status: ResMut<CutStatus>,
     time: Res<Time<Fixed>>,
 ) {
-    let mut ordered: Vec<_> = organs.iter_mut().filter(|o| o.4.look_for_fragments).collect();
+    let mut ordered: Vec<_> = organs.iter_mut().filter(|o| o.5.look_for_fragments).collect();
     ordered.sort_by_key(|o| o.0);
-    for (donor, organ, materials, mut mesh, mut state) in ordered {
+    for (donor, organ, materials, attachments, mut mesh, mut state) in ordered {
         state.look_for_fragments = false;
-        for Fragment { mesh, donor_nodes } in fragment::detach(&mut mesh.0, &mut state.cutter) {
+        let held: Vec<_> = attachments.0.iter().flat_map(|a| a.point.iter().map(|(n, _)| *n)).collect();
+        for Fragment { mesh, donor_nodes } in fragment::detach(&mut mesh.0, &mut state.cutter, &held) {
             status.fragments += 1;
             let name = format!("{} piece {}", organ.name, status.fragments);
             let freed = FreedFrom { donor, time_s: time.elapsed_secs_f64() };

@@ -146,7 +146,9 @@ impl Cutter {
                     any = true;
                 }
             }
-            any |= plan.faces.iter().fold(false, |fresh, f| held.insert(*f) || fresh);
+            for face in &plan.faces {
+                any |= held.insert(*face);
+            }
             self.operations.deferred += 1;
         }
         any

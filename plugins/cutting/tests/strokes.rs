@@ -42,6 +42,8 @@ fn a_shallow_stroke_stays_open_behind_the_blade() {
     cutter.end_stroke(&mut mesh);
     let end = verdict(&mesh);
     assert_eq!(end.fragments, 1);
+    let opened = (end.boundary_area - verdict(&block([6, 4, 4], H, 0.2)).boundary_area) / 2.0;
+    assert!((opened - cutter.opened_m2(&mesh)).abs() < 1e-9 * opened, "the boundary grew by {opened} on each side");
     let expected = 0.4 * SIZE.y * SIZE.x;
     assert!((swept - expected).abs() < 0.01 * expected, "swept {swept}, expected {expected}");
     assert!((cutter.opened_m2(&mesh) - expected).abs() < 0.1 * expected, "opened {}, expected {expected}", cutter.opened_m2(&mesh));
@@ -99,7 +101,7 @@ fn a_second_stroke_cuts_the_children_of_the_first() {
     let end = verdict(&mesh);
     assert!((end.volume - volume).abs() < 1e-12 * volume);
     assert_eq!(end.fragments, 4, "{:?}", end.volumes);
-    let pieces = detach(&mut mesh, &mut cutter);
+    let pieces = detach(&mut mesh, &mut cutter, &[]);
     assert_eq!((pieces.len(), verdict(&mesh).fragments), (3, 1));
     let rest: f64 = pieces.iter().map(|p| verdict(&p.mesh).volume).sum();
     assert!((rest + verdict(&mesh).volume - volume).abs() < 1e-12 * volume);

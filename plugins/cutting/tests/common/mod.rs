@@ -129,8 +129,8 @@ pub fn verdict(mesh: &TetMesh) -> Verdict {
     let odd = edges_of_places.values().filter(|n| *n % 2 == 1).count();
     assert_eq!(odd, 0, "{odd} edges of the boundary have an odd number of faces: a crack or a hanging node");
     let mut volumes: HashMap<usize, f64> = HashMap::new();
-    for i in 0..tets.len() {
-        *volumes.entry(root(&mut parent, i)).or_insert(0.0) += each[i];
+    for (i, volume) in each.into_iter().enumerate() {
+        *volumes.entry(root(&mut parent, i)).or_insert(0.0) += volume;
     }
     let mut volumes: Vec<f64> = volumes.into_values().collect();
     volumes.sort_by(|a, b| b.total_cmp(a));
