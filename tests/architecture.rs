@@ -10,8 +10,7 @@ const SHARED: [&str; 2] = ["keyhole-tetmesh", "keyhole-whiteboard"];
 
 /// Crates that may render, and what rendering means.
 const RENDERING: [&str; 3] = ["keyhole", "keyhole-view", "keyhole-hud"];
-const RENDERERS: [&str; 8] =
-    ["bevy", "bevy_render", "bevy_pbr", "bevy_winit", "bevy_window", "bevy_core_pipeline", "wgpu", "egui"];
+const RENDERERS: [&str; 8] = ["bevy", "bevy_render", "bevy_pbr", "bevy_winit", "bevy_window", "bevy_core_pipeline", "wgpu", "egui"];
 
 /// Rooms whose algorithms are plain functions, with the app known to `plugin.rs` alone.
 const PLAIN: [&str; 6] = ["tetmesh", "imaging", "tissue", "cutting", "instruments", "scene"];

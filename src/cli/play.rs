@@ -1,6 +1,7 @@
 //! `keyhole` and `keyhole play`: a scene in a window.
 
-use crate::cli::{Failure, MethodArg, run};
+use crate::cli::run::{Wanted, seconds, with_report};
+use crate::cli::{Failure, MethodArg};
 use crate::report::folder;
 use crate::simulation::{Output, Settings, TICKS_PER_SECOND, simulation};
 use crate::theatre::{Theatre, default_scene as find_default_scene};
@@ -21,7 +22,7 @@ pub struct PlayArgs {
     #[arg(long)]
     pub demonstration: bool,
     /// Close the window after this much simulated time, s.
-    #[arg(long, value_name = "S", value_parser = run::seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds)]
     pub seconds: Option<f64>,
     /// Save what the window shows in the end as a PNG.
     #[arg(long, value_name = "FILE.png", requires = "seconds")]
@@ -37,12 +38,8 @@ pub fn run(args: PlayArgs) -> Result<(), Failure> {
     let theatre = Theatre::load(&path).map_err(Failure::input)?;
     display_available().map_err(Failure::job)?;
     adapter_available().map_err(Failure::job)?;
-    let settings = Settings {
-        output: Output::Window,
-        method: args.method.map(Into::into),
-        demonstration: args.demonstration,
-        threads: None,
-    };
+    let settings =
+        Settings { output: Output::Window, method: args.method.map(Into::into), demonstration: args.demonstration, threads: None };
     open(theatre, settings, args.seconds, args.picture)
 }
 
@@ -58,7 +55,7 @@ pub fn default_scene() -> Result<(), Failure> {
         None => open(theatre, Settings { output: Output::Window, ..Settings::default() }, None, None),
         Some(why) => {
             eprintln!("keyhole: no window: {why}; performing the demonstration of {} instead", path.display());
-            run::with_report(theatre, &run::Wanted { report: Some(folder::unused(Path::new("."))), ..run::Wanted::default() })
+            with_report(theatre, &Wanted { report: Some(folder::unused(Path::new("."))), ..Wanted::default() })
         }
     }
 }

@@ -100,7 +100,7 @@ impl Recorder {
         let mut found: Vec<_> = fragments.iter(world).collect();
         found.sort_unstable_by_key(|(entity, ..)| *entity);
         for (organ, name, freed, body, state, attachments) in found {
-            let Some(motion) = motion(body.0.masses(), state) else { continue };
+            let Some(motion) = motion(body.body.masses(), state) else { continue };
             let now_s = self.ticks as f64 / TICKS_PER_SECOND;
             let path = match self.paths.iter().position(|p| p.organ == organ) {
                 Some(i) => &mut self.paths[i],

@@ -136,7 +136,11 @@ impl Summary {
         writeln!(w, "# {}\n", self.scene)?;
         writeln!(w, "{} ticks, {:.2} s simulated.\n", self.ticks, self.simulated_s)?;
         writeln!(w, "| | before | after |\n|---|---:|---:|")?;
-        writeln!(w, "| tetrahedra | {} | {} |\n| nodes | {} | {} |\n", mesh.tets_before, mesh.tets_after, mesh.nodes_before, mesh.nodes_after)?;
+        writeln!(
+            w,
+            "| tetrahedra | {} | {} |\n| nodes | {} | {} |\n",
+            mesh.tets_before, mesh.tets_after, mesh.nodes_before, mesh.nodes_after
+        )?;
         writeln!(
             w,
             "Cutting: {}, patterns {} (hull) and {} (core), snap {}. {} strokes; {} tetrahedra deleted, {} created, {} updated, {} events \

@@ -77,6 +77,9 @@ const ROOT: &str = "VTKFile";
 impl<'a> File<'a> {
     /// Reads the elements; arrays are decoded when asked for.
     pub(crate) fn open(bytes: &'a [u8]) -> Result<Self, Refusal> {
+        if !bytes.windows(8).take(4096).any(|w| w == b"<VTKFile") {
+            return Err(at(ROOT, "is not among the first elements".into()));
+        }
         let (head, appended) = split_appended(bytes)?;
         let head = std::str::from_utf8(head).map_err(|e| at(ROOT, format!("byte {} is no UTF-8", e.valid_up_to())))?;
         let mut file = Self { pieces: Vec::new(), big_endian: false, header_bytes: 4, zlib: false, appended };
