@@ -12,8 +12,10 @@ use std::path::Path;
 
 /// Part of the slice spacing by which a frame may be off its place.
 const PLACE_TOLERANCE: f64 = 0.05;
-/// Voxels beyond which a segmentation is refused.
-const MAX_VOXELS: usize = 1 << 33;
+/// Voxels that any file may have.
+const MIN_VOXELS: usize = 1 << 26;
+/// Voxels that a file may have for each of its bytes: a binary frame has eight, and a thousand slices may be left out for each.
+const VOXELS_PER_BYTE: usize = 1 << 13;
 
 /// A segment's number and label.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,7 +27,7 @@ pub struct Segment {
 }
 
 /// Reads the segments that were asked for; where several hold a voxel, the last one asked for has it. Slices that no frame mentions are
-/// empty, and so are one before the first and one after the last.
+/// empty.
 ///
 /// # Errors
 /// Foreign and broken files, segments that are not there, frames off the grid.
@@ -130,14 +132,19 @@ pub(crate) fn parse(path: &Path, bytes: &[u8], choices: &[LabelChoice]) -> Resul
     }
     let heights: Vec<f64> = frames.iter().map(|f| f.position.dot(normal)).collect();
     let (base, step, slices) = levels(&heights, declared_step).map_err(|reason| e.wrong(tags::PLANE_POSITION_SEQUENCE, reason))?;
-    let dims = [columns, rows, slices + 2];
-    if plane.saturating_mul(slices + 2) > MAX_VOXELS {
-        return Err(e.wrong(tags::PLANE_POSITION_SEQUENCE, format!("spreads {slices} slices: more voxels than {MAX_VOXELS}")));
+    // Frames that are not there are empty. When there is one for every image of the scan, nothing is known beyond the first and the last.
+    let images = e.item(tags::REFERENCED_SERIES_SEQUENCE).map_or(0, |r| r.items(tags::REFERENCED_INSTANCE_SEQUENCE).len());
+    let pad = usize::from(images == 0 || slices < images);
+    let dims = [columns, rows, slices + 2 * pad];
+    let most = MIN_VOXELS.max(bytes.len().saturating_mul(VOXELS_PER_BYTE));
+    if plane.saturating_mul(dims[2]) > most {
+        let reason = format!("spreads {slices} slices of {rows} x {columns}: more than {most} voxels for a file of {} bytes", bytes.len());
+        return Err(e.wrong(tags::PLANE_POSITION_SEQUENCE, reason));
     }
-    // The frames' first corner, brought down to one slice before the lowest.
+    // The frames' first corner, brought down to the first slice.
     let corner = frames[0].position;
-    let translation = corner + normal * (base - step - corner.dot(normal));
-    let mut parts = vec![0_u8; plane * (slices + 2)];
+    let translation = corner + normal * (base - step * pad as f64 - corner.dot(normal));
+    let mut parts = vec![0_u8; plane * dims[2]];
     // In the order of the choices, so that the last one asked for has the voxel.
     frames.sort_by_key(|f| (f.part, f.index));
     for f in &frames {
@@ -147,7 +154,7 @@ pub(crate) fn parse(path: &Path, bytes: &[u8], choices: &[LabelChoice]) -> Resul
             let reason = format!("frame {} is {:.3} mm off the grid of the others: resample the segmentation", f.index + 1, off.length());
             return Err(e.wrong(tags::PLANE_POSITION_SEQUENCE, reason));
         }
-        let to = &mut parts[plane * (slice as usize + 1)..][..plane];
+        let to = &mut parts[plane * (slice as usize + pad)..][..plane];
         for (i, voxel) in to.iter_mut().enumerate() {
             let at = f.index * plane + i;
             let inside = match threshold {

@@ -13,7 +13,7 @@ use glam::DVec3;
 /// Rounds of Taubin's smoothing: enough for the stairs of slices to go, too few for a vessel to get thinner.
 const SMOOTHING: usize = 8;
 /// Part of the cell that decimation may move the surface by.
-const DECIMATION: f64 = 0.08;
+const DECIMATION: f64 = 0.05;
 /// Grid points beyond which a surface is refused.
 const MAX_POINTS: f64 = 1e8;
 

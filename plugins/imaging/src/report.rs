@@ -118,8 +118,9 @@ impl fmt::Display for MeshReport {
             self.min_dihedral_deg, self.p1_dihedral_deg, self.median_dihedral_deg, self.max_dihedral_deg, self.mean_edge_ratio
         )?;
         writeln!(f, "volume: {:.3} ml, mask {:.3} ml ({:+.3} %)", self.mesh_ml, self.mask_ml, self.volume_error_percent)?;
-        let d = self.surface_distance;
-        writeln!(f, "surface distance to the mask: mean {:.3}, 95 % {:.3}, max {:.3} mm", d.mean_mm, d.p95_mm, d.max_mm)?;
+        for (name, d) in [("mesh to mask", self.surface_distance.mesh_to_mask), ("mask to mesh", self.surface_distance.mask_to_mesh)] {
+            writeln!(f, "surface distance, {name}: mean {:.3}, 95 % {:.3}, max {:.3} mm", d.mean_mm, d.p95_mm, d.max_mm)?;
+        }
         let manifold = if self.closed_manifold { "a closed 2-manifold" } else { "NOT a closed 2-manifold" };
         writeln!(f, "boundary: {manifold}, {} component(s), Euler characteristic {}", self.components, self.euler_characteristic)?;
         if self.dropped_ml > 0.0 {

@@ -4,15 +4,26 @@ use crate::volume::Body;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Distances from samples of one surface to the other, both ways pooled, mm.
+/// Distances from samples of one surface to the other, mm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Distances {
+    /// Mean.
+    pub mean_mm: f64,
+    /// 95th percentile.
+    pub p95_mm: f64,
+    /// Largest.
+    pub max_mm: f64,
+}
+
+/// The distances both ways. A cleft of the mask that is too narrow for the mesh shows in `mask_to_mesh` alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct SurfaceDistance {
-    /// Mean of the two directions' means.
-    pub mean_mm: f64,
-    /// 95th percentile: the larger of the two directions'.
-    pub p95_mm: f64,
-    /// Largest: the Hausdorff distance of the samples.
-    pub max_mm: f64,
+    /// Mean of the two means, the larger of the 95th percentiles, the larger of the maxima (the Hausdorff distance of the samples).
+    pub both: Distances,
+    /// From the mesh's surface to the mask's.
+    pub mesh_to_mask: Distances,
+    /// From the mask's surface to the mesh's.
+    pub mask_to_mesh: Distances,
 }
 
 /// Distance between a triangle surface, given in the body's grid coordinates (mm), and the voxel faces of the body's mask. Samples are
@@ -39,11 +50,16 @@ pub fn between(body: &Body, nodes: &[DVec3], triangles: &[[u32; 3]]) -> SurfaceD
     let to_mask = Buckets::new(&faces, cell);
     let forth: Vec<f64> = samples.par_iter().map(|p| to_mask.nearest(*p, |i| of_face(i, *p))).collect();
     let back: Vec<f64> = faces.par_iter().map(|f| (f.0 + f.1) / 2.0).map(|p| to_mesh.nearest(p, |i| of_triangle(i, p))).collect();
-    let [a, b] = [forth, back].map(|mut d| {
+    let [mesh_to_mask, mask_to_mesh] = [forth, back].map(|mut d| {
         d.sort_unstable_by(f64::total_cmp);
-        (d.iter().sum::<f64>() / d.len() as f64, d[(d.len() - 1) * 95 / 100], d[d.len() - 1])
+        Distances { mean_mm: d.iter().sum::<f64>() / d.len() as f64, p95_mm: d[(d.len() - 1) * 95 / 100], max_mm: d[d.len() - 1] }
     });
-    SurfaceDistance { mean_mm: (a.0 + b.0) / 2.0, p95_mm: a.1.max(b.1), max_mm: a.2.max(b.2) }
+    let both = Distances {
+        mean_mm: (mesh_to_mask.mean_mm + mask_to_mesh.mean_mm) / 2.0,
+        p95_mm: mesh_to_mask.p95_mm.max(mask_to_mesh.p95_mm),
+        max_mm: mesh_to_mask.max_mm.max(mask_to_mesh.max_mm),
+    };
+    SurfaceDistance { both, mesh_to_mask, mask_to_mesh }
 }
 
 /// The faces between a voxel with a part and one without, as flat boxes in grid coordinates, mm.
@@ -193,7 +209,7 @@ mod tests {
 
     #[test]
     fn the_faces_of_a_cube_are_where_they_are() {
-        // A cube of 4 x 4 x 4 voxels of 1 x 1 x 2 mm, and the octahedron-free check: its own box as triangles is at distance zero, the same
+        // A cube of 4 x 4 x 4 voxels of 1 x 1 x 2 mm, its own box as triangles is at distance zero, the same
         // box a millimetre wider in x is one millimetre away there and nowhere further.
         let dims = [8, 8, 8];
         let parts = (0..512).map(|i| u8::from([i % 8, i / 8 % 8, i / 64].iter().all(|c| (2..6).contains(c)))).collect();
@@ -210,7 +226,7 @@ mod tests {
                 .collect();
             let quads = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
             let triangles: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
-            between(&body, &nodes, &triangles)
+            between(&body, &nodes, &triangles).both
         };
         assert!(surface(0.0).max_mm < 1e-12);
         let off = surface(1.0);

@@ -9,6 +9,11 @@ use std::path::{Path, PathBuf};
 /// tilt in use is far above.
 const SHEAR_DEGREES: f64 = 0.1;
 
+/// Voxel sizes of scans of people, mm: from micro-CT to scouts. Others are a wrong unit or a damaged header.
+const VOXEL_MM: [f64; 2] = [1e-3, 1e2];
+/// Longest voxel axis over the shortest: beyond it the margin around a body would outgrow the scan.
+const MAX_ANISOTROPY: f64 = 100.0;
+
 /// Index of a label in the order asked for, plus one; 0 is everything else.
 pub type Part = u8;
 
@@ -153,8 +158,12 @@ impl Body {
 /// Refuses sheared axes, voxels without size and positions that are not finite.
 pub(crate) fn check_geometry(path: &Path, voxel_to_lps: &DAffine3) -> Result<(), ImagingError> {
     let spacing = frame::spacing(voxel_to_lps);
-    if !voxel_to_lps.is_finite() || spacing.min_element() <= 0.0 || !spacing.is_finite() {
-        let reason = format!("the voxel size is {spacing} mm: every axis must have a finite, positive length; repair the header");
+    let plausible = spacing.min_element() >= VOXEL_MM[0] && spacing.max_element() <= VOXEL_MM[1];
+    if !voxel_to_lps.is_finite() || !plausible || spacing.max_element() > MAX_ANISOTROPY * spacing.min_element() {
+        let reason = format!(
+            "the voxel size is {spacing} mm: expected {} to {} mm, the longest at most {MAX_ANISOTROPY} times the shortest; repair the header",
+            VOXEL_MM[0], VOXEL_MM[1]
+        );
         return Err(ImagingError::Format { path: path.into(), reason });
     }
     let degrees = frame::shear_degrees(voxel_to_lps);

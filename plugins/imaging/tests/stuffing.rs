@@ -102,7 +102,7 @@ proptest! {
     /// Sums of waves with wavelengths down to two cells: blobs, tunnels, thin walls and kissing sheets, all within a ball.
     #[test]
     fn random_fields_keep_the_proved_bound(
-        waves in prop::collection::vec((prop::array::uniform3(-9.0f64..9.0), 0.0f64..6.28, 0.05f64..0.4), 1..7),
+        waves in prop::collection::vec((prop::array::uniform3(-9.0f64..9.0), 0.0f64..2.0 * PI, 0.05f64..0.4), 1..7),
         a in 0.16f64..0.3,
         shift in prop::array::uniform3(0.0f64..0.3),
     ) {

@@ -1,0 +1,127 @@
+//! The phantom goes out as DICOM and comes back as what it was.
+#![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
+
+mod common;
+
+use common::labels;
+use keyhole_imaging::phantom::{PhantomSettings, abdomen, sample};
+use keyhole_imaging::{
+    Centring, ComponentChoice, ImagingError, MeshOptions, Selection, dicom_seg, dicom_series, dicom_write, input, pipeline,
+};
+use keyhole_tetmesh::{Boundary, DVec3};
+use std::path::Path;
+
+/// Coarse, and with an odd number of pixels a slice, so that frames of bits do not start on bytes.
+const COARSE: PhantomSettings = PhantomSettings { pixel_mm: 3.0, slice_mm: 4.0, noise_hu: 10.0, seed: 7 };
+
+fn written(settings: &PhantomSettings) -> (tempfile::TempDir, keyhole_imaging::phantom::PhantomVolume) {
+    let folder = tempfile::tempdir().unwrap();
+    let volume = sample(settings);
+    dicom_write::write(folder.path(), settings, &volume, &mut || {}).unwrap();
+    (folder, volume)
+}
+
+#[test]
+fn the_ct_comes_back_in_order_and_the_same() {
+    let (folder, volume) = written(&COARSE);
+    // Names tell nothing: the first becomes the last.
+    std::fs::rename(folder.path().join("ct_0000.dcm"), folder.path().join("zzz.dcm")).unwrap();
+    let series = dicom_series::find(folder.path(), None).unwrap();
+    let ct = series.read().unwrap();
+    assert_eq!(ct.dims, volume.dims);
+    assert!(ct.hu.iter().zip(&volume.hu).all(|(a, b)| *a == f32::from(*b)));
+    let corner = DVec3::from_array(volume.dims.map(|n| n as f64));
+    assert!(ct.voxel_to_lps.transform_point3(corner).distance(volume.voxel_to_lps.transform_point3(corner)) < 1e-3);
+
+    std::fs::remove_file(folder.path().join("ct_0030.dcm")).unwrap();
+    let error = dicom_series::find(folder.path(), None).unwrap_err();
+    assert!(matches!(error, ImagingError::Irregular { .. }));
+    let message = error.to_string();
+    assert!(message.contains("ct_0029.dcm") && message.contains("1 slice(s) are missing") && message.contains("ct_0031.dcm"), "{message}");
+}
+
+#[test]
+fn every_segment_comes_back_bit_for_bit() {
+    let (folder, volume) = written(&COARSE);
+    let plane = volume.dims[0] * volume.dims[1];
+    assert_ne!(plane % 8, 0);
+    for (structure, mask) in volume.structures.iter().zip(&volume.masks) {
+        let path = folder.path().join(dicom_write::SEGMENTATION_FILE);
+        let read = dicom_seg::read_labels(&path, &labels(&[(structure.name, structure.number.into())])).unwrap();
+        // Slices without a frame are left out of the file: the offset is found through the patient.
+        let origin = read.voxel_to_lps.transform_point3(DVec3::ZERO);
+        let shift = (volume.voxel_to_lps.inverse().transform_point3(origin)).round();
+        let shift = shift.z as isize;
+        let mut seen = 0;
+        for (i, v) in read.parts.iter().enumerate().filter(|(_, v)| **v != 0) {
+            let at = i as isize + shift * plane as isize;
+            assert_eq!((*v, mask[at as usize]), (1, 1), "{} at {i}", structure.name);
+            seen += 1;
+        }
+        assert_eq!(seen, mask.iter().filter(|v| **v != 0).count(), "{}", structure.name);
+    }
+}
+
+#[test]
+fn the_kidney_has_the_volume_of_its_functions() {
+    let (folder, _) = written(&PhantomSettings { noise_hu: 0.0, ..PhantomSettings::default() });
+    let selection = Selection::Labels(labels(&[("kidney", 1), ("tumour", 2)]));
+    let read = input::read(&folder.path().join(dicom_write::SEGMENTATION_FILE), &selection).unwrap();
+    let options = MeshOptions { edge_mm: 4.0, component: ComponentChoice::Auto, centring: Centring::Patient };
+    let (mesh, report) = pipeline::mesh(read, &options, &mut |_| {}).unwrap();
+    // The functions themselves, on a grid that has nothing to do with the scan's.
+    let structures = abdomen();
+    let (step, mut count) = (0.7, 0_u32);
+    let n = |length: f64| (length / step) as i32;
+    for x in n(-40.0)..n(45.0) {
+        for y in n(-45.0)..n(40.0) {
+            for z in n(-70.0)..n(70.0) {
+                let p = DVec3::new(f64::from(x) + 0.31, f64::from(y) + 0.17, f64::from(z) + 0.53) * step;
+                count += u32::from(structures[..2].iter().any(|s| s.shape.distance(p) < 0.0));
+            }
+        }
+    }
+    let analytic = f64::from(count) * step.powi(3) * 1e-9;
+    assert!((mesh.total_volume() / analytic - 1.0).abs() < 0.01, "{} m3, functions {analytic} m3", mesh.total_volume());
+    assert!(report.closed_manifold && report.euler_characteristic == 2 && report.components == 1);
+    assert!(Boundary::of(&mesh).is_closed_manifold());
+    assert!(report.min_dihedral_deg >= 10.7 && report.max_dihedral_deg <= 164.8);
+    // The tumour: left, anterior, inferior of the kidney's middle, a ball of 30 mm.
+    let (mut sum, mut volume) = (DVec3::ZERO, 0.0);
+    for (t, _) in mesh.iter().filter(|(t, _)| mesh.tet(*t).material.0 == 1) {
+        sum += mesh.points(t).iter().sum::<DVec3>() / 4.0 * mesh.volume(t);
+        volume += mesh.volume(t);
+    }
+    let at = sum / volume * 1e3;
+    assert!(at.distance(DVec3::new(17.0, -14.0, 17.5)) < 1.0, "{at}");
+    assert!((volume * 1e9 / 14137.0 - 1.0).abs() < 0.05, "{volume}");
+}
+
+#[test]
+fn thresholds_find_bone_and_the_border_is_told() {
+    let (folder, _) = written(&PhantomSettings { noise_hu: 0.0, ..COARSE });
+    let selection = |low, high| Selection::Threshold { low, high, series: None };
+    let bone = input::read(folder.path(), &selection(449.0, 451.0)).unwrap();
+    assert!(bone.parts.iter().any(|p| *p != 0));
+    let whole = input::read(folder.path(), &selection(-100.0, 3000.0)).unwrap();
+    let options = MeshOptions { edge_mm: 30.0, component: ComponentChoice::Auto, centring: Centring::Patient };
+    let error = pipeline::mesh(whole, &options, &mut |_| {}).unwrap_err();
+    assert!(matches!(error, ImagingError::Border { side: "first z", .. }), "{error}");
+    let seg = folder.path().join(dicom_write::SEGMENTATION_FILE);
+    let body = input::read(&seg, &Selection::Labels(labels(&[("body", 11)]))).unwrap();
+    assert!(matches!(pipeline::mesh(body, &options, &mut |_| {}), Err(ImagingError::Border { .. })), "a segment on every image is cut off");
+    let absent = dicom_seg::read_labels(&seg, &labels(&[("liver", 40)])).unwrap_err().to_string();
+    assert!(absent.contains("liver=40") && absent.contains("1 (kidney_left)"), "{absent}");
+}
+
+#[test]
+fn a_tilted_series_is_refused_by_name() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/ct_ge");
+    if !folder.is_dir() {
+        println!("skipped: there is no {}", folder.display());
+        return;
+    }
+    let error = dicom_series::find(&folder, None).unwrap_err();
+    assert!(matches!(error, ImagingError::Irregular { .. } | ImagingError::Sheared { .. }), "{error}");
+    assert!(error.to_string().contains(".dcm"), "{error}");
+}
