@@ -70,7 +70,8 @@ mod tests {
 
     #[test]
     fn means_are_over_all_ticks_and_idle_stages_are_left_out() {
-        let mut cost = TickCost { ticks: 4, ..default() };
+        let mut cost = TickCost::default();
+        cost.ticks = 4;
         cost.last[5] = Duration::from_micros(3000);
         cost.total[5] = Duration::from_micros(8000);
         cost.max[5] = Duration::from_micros(5000);

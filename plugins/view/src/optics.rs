@@ -20,7 +20,8 @@ pub const MASK_DIAMETER: f32 = 0.97;
 ///
 /// The prism bends the view by the direction of view towards -Y of the shaft's frame; rolling the scope by `roll` turns the prism about
 /// the shaft, and with it the picture, which the camera head turns back by the same angle: `Rz(roll) Rx(-view) Rz(-roll)`. Hence the view
-/// orbits and the horizon stays: exactly at quarter turns, within `view^2 / 4` rad in between.
+/// orbits and the horizon stays: exactly at quarter turns, and in between within an angle of tangent `(1 - cos view) / (2 sqrt(cos view))`,
+/// 4.1 degrees for a scope of 30.
 #[must_use]
 pub fn eye_pose(endoscope: &Endoscope) -> Isometry3d {
     let roll = Quat::from_rotation_z(endoscope.roll_rad);
@@ -83,13 +84,14 @@ mod tests {
             let scope = scope(0.52, roll);
             let eye = eye_pose(&scope);
             let angle = (eye.rotation * Vec3::NEG_Z).angle_between(scope.pose.rotation * Vec3::NEG_Z);
-            assert!((angle - 0.52).abs() < 1e-5, "{angle} at roll {roll}");
+            assert!((angle - 0.52).abs() < 1e-4, "{angle} at roll {roll}");
             assert_eq!(eye.translation, scope.pose.translation);
         }
         let down = eye_pose(&scope(0.52, 0.0)).rotation * Vec3::NEG_Z;
         let expected = scope(0.52, 0.0).pose.rotation * Vec3::new(0.0, -0.52_f32.sin(), -0.52_f32.cos());
         assert!(down.distance(expected) < 1e-6);
-        assert!(eye_pose(&scope(0.0, 1.0)).rotation.angle_between(scope(0.0, 1.0).pose.rotation) < 1e-4);
+        let straight = scope(0.0, 1.0);
+        assert!((eye_pose(&straight).rotation * Vec3::Y).distance(straight.pose.rotation * Vec3::Y) < 1e-6);
     }
 
     #[test]
@@ -106,7 +108,7 @@ mod tests {
             // The shaft's up, seen in the picture, stays up.
             let up = eye.rotation.inverse() * (scope.pose.rotation * Vec3::Y);
             let tilt = up.x.atan2(up.y).abs();
-            assert!(tilt <= view * view / 4.0 + 1e-4, "{tilt} at roll {roll}");
+            assert!(tilt.tan() <= (1.0 - view.cos()) / (2.0 * view.cos().sqrt()) + 1e-5, "{tilt} at roll {roll}");
             if step % 6 == 0 {
                 assert!(tilt < 1e-5, "{tilt} at roll {roll}");
             }

@@ -160,10 +160,10 @@ fn cavity_mesh() -> Mesh {
             let fold = wave(7.0, Vec3::new(0.7, 0.5, 0.2), 0.0) * wave(9.0, Vec3::new(-0.3, 0.8, 0.6), 1.0);
             let fine = wave(31.0, Vec3::new(0.2, 0.9, -0.4), 0.4) * wave(27.0, Vec3::new(0.8, -0.1, 0.6), 2.0);
             *point = (p * (1.0 + 0.05 * fold + 0.006 * fine)).to_array();
-            let fat = (0.35 + 0.7 * fold + 0.2 * fine).clamp(0.0, 1.0);
-            let c = Vec3::new(0.150, 0.030, 0.024).lerp(Vec3::new(0.190, 0.100, 0.036), 0.7 * fat);
+            let fat = (0.25 + 0.6 * fold + 0.12 * fine).clamp(0.0, 1.0);
+            let c = Vec3::new(0.130, 0.030, 0.024).lerp(Vec3::new(0.150, 0.070, 0.032), 0.7 * fat);
             // What bulges towards the middle is nearer to the light.
-            colours.push(c * (1.0 - 0.45 * fold + 0.15 * fine));
+            colours.push(c * (1.0 - 0.35 * fold + 0.07 * fine));
         }
     }
     let colours: Vec<[f32; 4]> = colours.into_iter().map(|c| c.extend(1.0).to_array()).collect();
