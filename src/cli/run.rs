@@ -67,14 +67,13 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
     };
     let report = wanted.report.as_ref().map(begin).transpose()?;
     let frames = wanted.frames.as_ref().map(begin).transpose()?;
-    let adapter = adapter_available();
-    if frames.is_some()
-        && let Err(why) = adapter
-    {
-        return Err(Failure::job(why));
-    }
-    let pictures = match (&report, &adapter) {
-        (Some((folder, _)), Ok(_)) => {
+    let drawn_with = match (&frames, &report) {
+        (Some(_), _) => adapter_available().map_err(Failure::job)?,
+        (None, Some(_)) => adapter_available().unwrap_or_else(|why| format!("none: {why}")),
+        (None, None) => "none: no report was asked for".into(),
+    };
+    let pictures = match &report {
+        Some((folder, _)) if !drawn_with.starts_with("none: ") => {
             let pictures = folder.path().join("pictures");
             std::fs::create_dir(&pictures).map_err(Failure::job)?;
             Some(pictures)
@@ -98,10 +97,7 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
         PerformError::NothingToPerform => Failure::input(e),
         PerformError::Picture(_) | PerformError::Fault { .. } => Failure::job(e),
     })?;
-    outcome.summary.pictures = match adapter {
-        Ok(adapter) => format!("drawn with {adapter}"),
-        Err(why) => why.to_string(),
-    };
+    outcome.summary.pictures = drawn_with;
     println!("{}", outcome.summary.markdown(&outcome.costs));
     for (folder, place) in [frames].into_iter().flatten() {
         folder.finish().map_err(|e| Failure::job(format!("{}: {e}", place.display())))?;
