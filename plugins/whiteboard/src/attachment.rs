@@ -78,11 +78,8 @@ impl Attachments {
     pub fn split_off(&mut self, donor_nodes: &[NodeId]) -> Self {
         let mut moved = Vec::new();
         self.0.retain(|a| {
-            let ids: Option<TissuePoint> = a
-                .point
-                .iter()
-                .map(|(n, w)| donor_nodes.binary_search(n).ok().map(|i| (NodeId(i as u32), *w)))
-                .collect();
+            let ids: Option<TissuePoint> =
+                a.point.iter().map(|(n, w)| donor_nodes.binary_search(n).ok().map(|i| (NodeId(i as u32), *w))).collect();
             match ids {
                 Some(point) if !point.is_empty() => {
                     moved.push(Attachment { point, ..a.clone() });

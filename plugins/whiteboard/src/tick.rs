@@ -34,17 +34,8 @@ pub type Stage = TickSystems;
 
 impl TickSystems {
     /// All sets in order.
-    pub const ALL: [Self; 9] = [
-        Self::Sense,
-        Self::Gesture,
-        Self::Cut,
-        Self::Adopt,
-        Self::Collide,
-        Self::Tissue,
-        Self::Rigid,
-        Self::Assess,
-        Self::Publish,
-    ];
+    pub const ALL: [Self; 9] =
+        [Self::Sense, Self::Gesture, Self::Cut, Self::Adopt, Self::Collide, Self::Tissue, Self::Rigid, Self::Assess, Self::Publish];
 }
 
 /// Wall-clock cost of the stages of a tick. Never read by the simulation.
