@@ -44,6 +44,8 @@ fn bad_input_gives_one_message_and_status_2_and_writes_nothing() {
     let before = listing(here);
     let good = scene();
     let good = good.to_str().unwrap();
+    let mesh = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/kidney.vtu");
+    let mesh = mesh.to_str().unwrap();
     let cases: &[(&[&str], &[&str])] = &[
         (&["run", "nowhere.scene.ron"], &["nowhere.scene.ron", "cannot be read"]),
         (&["run", "broken.scene.ron"], &["broken.scene.ron:1:", "`name`"]),
@@ -60,6 +62,11 @@ fn bad_input_gives_one_message_and_status_2_and_writes_nothing() {
         (&["scene", "check", "nowhere.scene.ron"], &["nowhere.scene.ron"]),
         (&["scene", "new", "broken.scene.ron"], &["broken.scene.ron", "is there already"]),
         (&["scene", "new", "new.scene.ron", "--organ", "bad.vtu"], &["bad.vtu"]),
+        (&["mesh", "nowhere.nii.gz", "-o", "out.vtu", "--label", "kidney=1"], &["nowhere.nii.gz"]),
+        (&["mesh", "bad.vtu", "-o", "out.vtu", "--label", "kidney=1"], &["bad.vtu"]),
+        (&["cut", "bad.vtu", "--blade", "bad.csv", "-o", "steps"], &["bad.vtu"]),
+        (&["cut", mesh, "--blade", "bad.csv", "-o", "steps"], &["bad.csv"]),
+        (&["cut", mesh, "--blade", "nowhere.csv", "-o", "steps"], &["nowhere.csv"]),
     ];
     for (args, expected) in cases {
         let output = keyhole(here, args);

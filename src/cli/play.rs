@@ -22,7 +22,7 @@ pub struct PlayArgs {
     #[arg(long)]
     pub demonstration: bool,
     /// Close the window after this much simulated time, s.
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true)]
     pub seconds: Option<f64>,
     /// Save what the window shows in the end as a PNG.
     #[arg(long, value_name = "FILE.png", requires = "seconds")]

@@ -15,7 +15,7 @@ pub struct RunArgs {
     /// The scene.
     pub scene: PathBuf,
     /// Simulated time, s; without it the demonstration's length.
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true)]
     pub seconds: Option<f64>,
     /// Save both views ten times a simulated second as PNG in this folder, which must not be there or be empty.
     #[arg(long, value_name = "DIR")]
