@@ -14,20 +14,31 @@ pub struct Element {
     pub inverse_rest: Mat3,
     /// Rest volume, m3.
     pub volume: f32,
-    /// Elastic constants.
+    /// Elastic constants; those of a thin element are lower than its material's, see [`THIN`].
     pub material: NeoHookean,
+    /// Whether it is thinner than [`THIN`].
+    pub thin: bool,
 }
+
+/// An element whose smallest altitude is below this part of its longest edge is as stiff as if that were its altitude: a cut leaves slivers along its
+/// surface, whose stiffness against being pressed flat grows without bound as they get thinner, while a motion of their nodes that is nothing to
+/// the organ turns them inside out. A layer of them yields as a layer of that thickness would. Meshes with dihedral angles above 10 degrees have none.
+pub const THIN: f64 = 0.1;
 
 impl Element {
     /// The element of a slot that is not in use.
     pub const VACANT: Self =
-        Self { nodes: [EMPTY; 4], inverse_rest: Mat3::ZERO, volume: 0.0, material: NeoHookean { mu: 0.0, lambda: 0.0 } };
+        Self { nodes: [EMPTY; 4], inverse_rest: Mat3::ZERO, volume: 0.0, material: NeoHookean { mu: 0.0, lambda: 0.0 }, thin: false };
 
     /// An element with the given rest positions, m.
     #[must_use]
     pub fn new(nodes: [u32; 4], rest: [DVec3; 4], material: NeoHookean) -> Self {
         let edges = DMat3::from_cols(rest[1] - rest[0], rest[2] - rest[0], rest[3] - rest[0]);
-        Self { nodes, inverse_rest: edges.inverse().as_mat3(), volume: (edges.determinant() / 6.0) as f32, material }
+        let points = rest.map(|p| keyhole_tetmesh::DVec3::new(p.x, p.y, p.z));
+        let longest = keyhole_tetmesh::EDGES.iter().map(|&[i, j]| rest[i].distance(rest[j])).fold(0.0, f64::max);
+        let share = (keyhole_tetmesh::quality::min_altitude(points) / (THIN * longest)).min(1.0) as f32;
+        let material = NeoHookean { mu: material.mu * share, lambda: material.lambda * share };
+        Self { nodes, inverse_rest: edges.inverse().as_mat3(), volume: (edges.determinant() / 6.0) as f32, material, thin: share < 1.0 }
     }
 
     /// Whether the slot is not in use.

@@ -1,8 +1,7 @@
 //! What to do with a mesh that is turned inside out somewhere.
 //!
 //! An inverted element can be in equilibrium with its neighbours, and going downhill does not take it out of there. Extended position-based
-//! dynamics does: beams of 10 kPa scrambled at random come back to rest within three seconds. So a tick that starts with an inverted element is stepped by
-//! it.
+//! dynamics does: beams of 10 kPa scrambled at random come back to rest within three seconds. So a tick that starts with a tangled body is stepped by it.
 
 use crate::body::Body;
 use crate::settings::{Solver, TissueSettings};
@@ -15,11 +14,16 @@ const SUBSTEPS: (f32, f32) = (20.0, 3400.0);
 /// Most substeps of a tick of rescue: stiffer tissue than 70 kPa in shear may not come back.
 const MOST_SUBSTEPS: f32 = 90.0;
 
-/// Whether an element is inverted.
+/// A body is tangled when more than one in so many of its elements is inverted. A few are a bridge of tissue about to be cut through, torn out of shape
+/// by the weight of what hangs on it: with one inverted element as the mark, rescue shook the kidney's last bridge to pieces.
+const TANGLED: usize = 50;
+
+/// Whether a body is turned inside out.
 #[must_use]
 pub fn is_tangled(body: &Body, state: &TissueState) -> bool {
-    let inverted = |e: &crate::Element| e.deformation(e.indices().map(|i| state.positions[i])).determinant() <= 0.0;
-    body.elements().iter().filter(|e| !e.is_empty()).any(inverted)
+    let inverted = |e: &&crate::Element| e.deformation(e.indices().map(|i| state.positions[i])).determinant() <= 0.0;
+    let used = || body.elements().iter().filter(|e| !e.is_empty());
+    used().filter(inverted).count() * TANGLED > used().count()
 }
 
 /// The settings of a tick of rescue.

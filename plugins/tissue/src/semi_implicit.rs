@@ -72,11 +72,15 @@ pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3,
         metric.carry_along(&changes, &mut right);
 
         let change = solver.solve(&metric, &mut right, settings.tolerance, settings.iterations);
-        // An unheld body falls freely; what truncation makes of its momentum is taken off.
-        let common = if holds.is_empty() { gravity * h - mean(body, change) } else { Vec3::ZERO };
+        // An unheld body falls freely: drag takes nothing of its mean velocity, and what truncation makes of its momentum is taken off.
+        let (common, drift) = if holds.is_empty() {
+            (gravity * h - mean(body, change.iter().map(|c| Vec3::from(*c))), mean(body, state.velocities.iter().copied()))
+        } else {
+            (Vec3::ZERO, Vec3::ZERO)
+        };
         for ((v, change), free) in state.velocities.iter_mut().zip(change).zip(&free) {
             if *free {
-                *v = *v * decay + Vec3::from(*change) + common;
+                *v = drift + (*v - drift) * decay + Vec3::from(*change) + common;
             }
         }
         for (i, change) in &changes {
@@ -91,7 +95,7 @@ pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3,
 /// Takes the relative velocity of its nodes off an element that is inverted or stretched beyond anything tissue survives: it then moves as if
 /// it had no inertia, downhill. Linear momentum stays. Without it a scrambled mesh gains energy without end.
 fn calm(body: &Body, state: &mut TissueState) {
-    for e in body.elements.iter().filter(|e| !e.is_empty()) {
+    for e in body.elements.iter().filter(|e| !e.is_empty() && !e.thin) {
         let at = e.indices();
         let f = e.deformation(at.map(|i| state.positions[i]));
         let size = f.x_axis.length_squared() + f.y_axis.length_squared() + f.z_axis.length_squared();
@@ -138,10 +142,10 @@ fn spring(hold: &Hold, s: f32, state: &TissueState, h: f32, lookahead: f32, rais
 }
 
 /// Velocity of the centre of mass where the nodes have these velocities, m/s.
-fn mean(body: &Body, velocities: &[Vec3A]) -> Vec3 {
+fn mean(body: &Body, velocities: impl Iterator<Item = Vec3>) -> Vec3 {
     let (mut momentum, mut mass) = (bevy_math::DVec3::ZERO, 0.0);
     for (m, v) in body.masses.iter().zip(velocities).filter(|(m, _)| **m > 0.0) {
-        momentum += Vec3::from(*v).as_dvec3() * f64::from(*m);
+        momentum += v.as_dvec3() * f64::from(*m);
         mass += f64::from(*m);
     }
     if mass > 0.0 { (momentum / mass).as_vec3() } else { Vec3::ZERO }

@@ -21,7 +21,8 @@ pub struct TissueSettings {
     /// Substeps of one tick; 0 counts as 1. Default 3: see the table in the crate's documentation. [`Solver::Xpbd`] wants 20 to 40.
     pub substeps: u32,
     /// Rate at which every velocity decays, 1/s, as in a viscous fluid around the organ: the mass-proportional part of Rayleigh damping, a
-    /// mode of angular frequency w has damping ratio `drag / 2w`. It takes momentum. Default 4: a damping ratio of 0.16 at 2 Hz, about half the
+    /// mode of angular frequency w has damping ratio `drag / 2w`. Of a body that nothing holds it damps the motion about its mean, so that a
+    /// piece falls freely. Default 4: a damping ratio of 0.16 at 2 Hz, about half the
     /// loss tangent of soft organs; 0 in vacuum.
     pub drag_1_s: f32,
     /// Viscosity of the tissue as a time, s: the stiffness-proportional part of Rayleigh damping, a mode of angular frequency w has damping
