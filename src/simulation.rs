@@ -17,9 +17,13 @@ use keyhole_tissue::TissuePlugin;
 use keyhole_view::ViewPlugin;
 use keyhole_whiteboard::{CutMethod, SimulationControl, WhiteboardPlugin};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 /// Ticks a simulated second.
 pub const TICKS_PER_SECOND: f64 = 60.0;
+
+/// Ticks that one frame of a window runs at the most.
+const MOST_TICKS_A_FRAME: f64 = 2.0;
 
 /// Where the app shows what it does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -72,7 +76,10 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
             app.add_plugins(ViewPlugin::default());
         }
         Output::Window => {
-            app.add_plugins((ViewPlugin::default(), HudPlugin)).add_systems(Last, hand_over);
+            // Where a tick costs more than its time, simulated time lags behind; frames stay short and hands stay in touch.
+            app.insert_resource(Time::<Virtual>::from_max_delta(Duration::from_secs_f64(MOST_TICKS_A_FRAME / TICKS_PER_SECOND)))
+                .add_plugins((ViewPlugin::default(), HudPlugin))
+                .add_systems(Last, hand_over);
         }
     }
     let mut cut = cut_settings(&theatre);

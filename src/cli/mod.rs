@@ -80,7 +80,8 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
 /// Warnings and errors go to standard error; `RUST_LOG` asks for more.
 fn log_to_terminal() {
     use tracing_subscriber::EnvFilter;
-    let quiet = || EnvFilter::new("warn,wgpu=error,naga=error,calloop=error,bevy_winit=error,bevy_render=error");
+    let quiet =
+        || EnvFilter::new("warn,wgpu=error,naga=error,winit=error,bevy_winit=error,bevy_render=error,bevy_light=error,bevy_egui=error");
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| quiet());
     // A second command in one process finds the log set up already.
     drop(tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().try_init());
