@@ -11,13 +11,17 @@ use keyhole_whiteboard::{
 /// Puts a theatre onto the whiteboard.
 pub fn spawn(world: &mut World, theatre: &Theatre) {
     let scene = &theatre.scene;
+    let started_s = world.get_resource::<Time<Fixed>>().map_or(0.0, Time::elapsed_secs_f64);
     world.insert_resource(Gravity(Vec3::from_array(scene.gravity)));
     world.insert_resource(scene.requirements());
     world.insert_resource(theatre.script.clone());
     world.insert_resource(ScriptClock { end_s: theatre.script.end_s(), ..default() });
     world.resource_mut::<TissueSettings>().substeps = scene.tissue.substeps;
     for (organ, mesh) in scene.organs.iter().zip(&theatre.meshes) {
-        let attachments = organ.attachments(mesh);
+        let mut attachments = organ.attachments(mesh);
+        for attachment in &mut attachments.0 {
+            attachment.until_s += started_s;
+        }
         world.spawn((Organ { name: organ.name.clone() }, TissueMesh(mesh.clone()), organ.organ_materials(), attachments));
     }
     for surface in &scene.anatomy {

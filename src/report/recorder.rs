@@ -112,10 +112,15 @@ impl Recorder {
                     &mut self.paths[last]
                 }
             };
+            let held = !attachments.0.is_empty();
+            if path.held && !held {
+                // What held it has let go: from here on it falls.
+                (path.start_tick, path.start, path.velocity, path.off_m) = (self.ticks, motion.centre, motion.velocity, 0.0);
+            }
+            path.held = held;
             let t = (self.ticks - path.start_tick) as f64 / TICKS_PER_SECOND;
             let free_fall = path.start + path.velocity * t + gravity * (t * t / 2.0);
             path.off_m = path.off_m.max(motion.centre.distance(free_fall));
-            path.held |= !attachments.0.is_empty();
             path.fragment.mass_kg = motion.mass;
             path.fragment.held = path.held;
             path.fragment.off_free_fall_m = (!path.held).then_some(path.off_m);

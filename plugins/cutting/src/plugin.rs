@@ -50,7 +50,7 @@ fn detach_fragments(
     ordered.sort_by_key(|o| o.0);
     for (donor, organ, materials, attachments, mut mesh, mut state) in ordered {
         state.look_for_fragments = false;
-        let held: Vec<_> = attachments.0.iter().flat_map(|a| a.point.iter().map(|(n, _)| *n)).collect();
+        let held: Vec<_> = attachments.0.iter().filter(|a| a.until_s.is_infinite()).flat_map(|a| a.point.iter().map(|(n, _)| *n)).collect();
         for Fragment { mesh, donor_nodes } in fragment::detach(&mut mesh.0, &mut state.cutter, &held) {
             status.fragments += 1;
             let name = format!("{} piece {}", organ.name, status.fragments);

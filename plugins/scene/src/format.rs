@@ -107,6 +107,9 @@ pub struct Hold {
     /// Compliance of each node's attachment, m/N; 0 holds rigidly. Default 0.
     #[serde(default)]
     pub compliance_m_n: f32,
+    /// Time since the scene started at which it lets go, s; above 0. Default never.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_s: Option<f32>,
 }
 
 /// A part of space, m, in the world.

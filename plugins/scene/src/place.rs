@@ -72,13 +72,14 @@ impl SceneOrgan {
         TetMesh::new(nodes, &tets, &materials)
     }
 
-    /// The attachments of the placed mesh, by ascending node; a node in several regions is held by the first.
+    /// The attachments of the placed mesh, their times counted from the start of the scene, by ascending node; a node in several regions is held by the first.
     #[must_use]
     pub fn attachments(&self, placed: &TetMesh) -> Attachments {
         let held = placed.nodes().filter_map(|node| {
             let rest = placed.rest(node);
             let hold = self.attachments.iter().find(|h| h.region.contains(rest))?;
-            Some(Attachment::node_to_space(node, rest.as_vec3(), hold.compliance_m_n))
+            let until_s = hold.until_s.map_or(f64::INFINITY, f64::from);
+            Some(Attachment { until_s, ..Attachment::node_to_space(node, rest.as_vec3(), hold.compliance_m_n) })
         });
         Attachments(held.collect())
     }
@@ -215,8 +216,8 @@ mod tests {
             materials: Vec::new(),
             transform: Placement { translation: [0.0, 0.0, 1.0], ..Default::default() },
             attachments: vec![
-                Hold { region: Region::Sphere { centre: [0.0, 0.0, 2.0], radius: 0.1 }, compliance_m_n: 0.5 },
-                Hold { region: Region::HalfSpace { point: [0.0, 0.5, 0.0], normal: [0.0, 1.0, 1.0] }, compliance_m_n: 0.0 },
+                Hold { region: Region::Sphere { centre: [0.0, 0.0, 2.0], radius: 0.1 }, compliance_m_n: 0.5, until_s: None },
+                Hold { region: Region::HalfSpace { point: [0.0, 0.5, 0.0], normal: [0.0, 1.0, 1.0] }, compliance_m_n: 0.0, until_s: None },
             ],
         };
         let placed = organ.placed(&mesh);

@@ -146,6 +146,9 @@ impl Rules {
             let path = format!("{path}.attachments[{i}]");
             self.region(&format!("{path}.region"), &hold.region);
             self.range(&format!("{path}.compliance_m_n"), hold.compliance_m_n, 0.0, 1e3, " m/N");
+            if let Some(until_s) = hold.until_s {
+                self.positive(&format!("{path}.until_s"), until_s, " s since the scene started");
+            }
         }
         let file = folder.join(&organ.mesh);
         if self.asset(&format!("{path}.mesh"), &file, &["vtu", "vtk"]) {

@@ -30,6 +30,12 @@ const SLOW: f64 = 0.7;
 const FINISH: f64 = 2.5;
 /// Share of the nodes that is held.
 const HELD: f64 = 0.2;
+/// Share of the piece's nodes, farthest from the cut, that an assistant holds until the cut is through.
+const SUPPORTED: f64 = 0.6;
+/// How far the piece sags in the assistant's hands once it is free, m: the cut opens that far.
+const SAG_M: f64 = 0.004;
+/// Time between the end of the cut and the assistant's letting go, s.
+const LETS_GO_S: f64 = 0.6;
 /// Keyframes of the sweep.
 const SWEEP_KEYS: u32 = 9;
 
@@ -40,6 +46,8 @@ struct Plan {
     fan: Fan,
     hold_point: DVec3,
     hold_normal: DVec3,
+    support_point: DVec3,
+    support_compliance: f64,
     blade_m: f64,
     /// Insertion at which the blade spans the section, m.
     insertion_m: f64,
@@ -108,12 +116,19 @@ fn plan(mesh: &TetMesh, mesh_path: &str) -> Option<Plan> {
     let mut depth: Vec<f64> = placed.iter().map(|p| -normal.dot(*p)).collect();
     depth.sort_by(|a, b| b.total_cmp(a));
     let held = *depth.get((HELD * depth.len() as f64) as usize)?;
+    let mut below: Vec<f64> = placed.iter().map(|p| normal.dot(*p)).filter(|d| *d > 0.0).collect();
+    below.sort_by(|a, b| b.total_cmp(a));
+    let supports = (SUPPORTED * below.len() as f64) as usize;
+    let supported = *below.get(supports)?;
+    let weight_n = 9.81 * 1050.0 * mesh.total_volume() * below.len() as f64 / placed.len() as f64;
     let margin = OVERREACH_M / PORT_DISTANCE_M;
     Some(Plan {
         mesh: mesh_path.into(),
         placement,
         hold_point: -normal * held,
         hold_normal: -normal,
+        support_point: normal * supported,
+        support_compliance: SAG_M * supports as f64 / weight_n,
         blade_m: fan.radius.1 - fan.radius.0 + 2.0 * OVERREACH_M,
         insertion_m: fan.radius.0 - OVERREACH_M,
         tip_radius_m: fan.radius.1 + OVERREACH_M,
@@ -172,8 +187,11 @@ fn text(plan: &Plan, name: &str) -> String {
         };
         key(time, fan.at(plan.tip_radius_m, angle), k + 1 < SWEEP_KEYS, note);
     }
-    key(sweep_end + 1.5, fan.at(plan.tip_radius_m, plan.sweep.1 + 0.05), false, "");
-    let seconds = sweep_end + 2.0;
+    key(sweep_end + 0.8, fan.at(plan.tip_radius_m, plan.sweep.1 + 0.05), false, "");
+    let until_s = sweep_end + LETS_GO_S;
+    let seconds = until_s + 0.6;
+    let (support_point, support_normal, support_compliance) =
+        (point(plan.support_point), point(-plan.hold_normal), plan.support_compliance);
     let materials = materials(plan.materials);
     let (hold_point, hold_normal) = (point(plan.hold_point), point(plan.hold_normal));
     let [tx, ty, tz] = plan.placement.translation;
@@ -187,8 +205,7 @@ fn text(plan: &Plan, name: &str) -> String {
     version: 1,
     name: "{name}",
     description: "Resection of the tumour in one sweep of the blade.",
-    // m/s2. Less than 9.81: irrigation fluid carries most of the organ's weight, so the cut opens gently and the piece is seen falling.
-    gravity: (0.0, -1.5, 0.0),
+    gravity: (0.0, -9.81, 0.0), // m/s2
 
     organs: [
         (
@@ -199,9 +216,11 @@ fn text(plan: &Plan, name: &str) -> String {
 {materials}            ],
             // Baked into the rest shape. The piece to be freed lies below the organ's body, leaning to the viewer, so that it falls clear.
             transform: (translation: {translation}, rotation_deg: {rotation}),
-            // What holds the organ: a fifth of its nodes, farthest from the cut. Compliance in m/N; 0 holds rigidly.
+            // What holds the organ: a fifth of its nodes, farthest from the cut. Compliance in m/N; 0 holds rigidly. And the piece, softly, in an
+            // assistant's hands, until the cut is through: then it falls.
             attachments: [
                 (region: HalfSpace(point: {hold_point}, normal: {hold_normal}), compliance_m_n: 0.0),
+                (region: HalfSpace(point: {support_point}, normal: {support_normal}), compliance_m_n: {support_compliance:.2}, until_s: {until_s:.2}),
             ],
         ),
     ],
@@ -223,7 +242,7 @@ fn text(plan: &Plan, name: &str) -> String {
     endoscope: (port: "optic", direction_of_view_deg: 30.0, angle_of_view_deg: 70.0, insertion_m: 0.05),
 
     cut: (method: Hybrid, hull: Minimal, core: Minimal, snap: 0.2),
-    tissue: (substeps: 10),
+    tissue: (substeps: 3),
 
     demonstration: (
         seconds: {seconds:.2},

@@ -28,7 +28,7 @@ impl Plugin for TissuePlugin {
             .init_resource::<FreedFragments>()
             .add_observer(note_fragment)
             .add_systems(FixedUpdate, embody.before(TickSystems::Sense).run_if(running).run_if(SceneRequirements::tissue))
-            .add_systems(FixedUpdate, adopt_changes.in_set(TickSystems::Adopt).run_if(SceneRequirements::tissue))
+            .add_systems(FixedUpdate, (let_go, adopt_changes).chain().in_set(TickSystems::Adopt).run_if(SceneRequirements::tissue))
             .add_systems(FixedUpdate, step_organs.in_set(TickSystems::Tissue).run_if(SceneRequirements::tissue));
     }
 }
@@ -86,6 +86,16 @@ fn embody(
         }
     }
     Ok(())
+}
+
+/// Lets go of the attachments whose time has come.
+fn let_go(mut organs: Query<&mut Attachments>, time: Res<Time<Fixed>>) {
+    let now_s = time.elapsed_secs_f64();
+    for mut attachments in &mut organs {
+        if attachments.0.iter().any(|a| a.until_s <= now_s) {
+            attachments.expire(now_s);
+        }
+    }
 }
 
 /// Adopts every topology change; fragments take their share of the donor's state and attachments.

@@ -31,6 +31,8 @@ pub struct Attachment {
     pub anchor: Anchor,
     /// m/N; zero holds rigidly.
     pub compliance_m_n: f32,
+    /// Simulated time at which it lets go, s; infinite: never.
+    pub until_s: f64,
 }
 
 /// The attachments of an organ. Written by the scene and by gestures; after a topology change by [`Attachments::remap`].
@@ -41,7 +43,7 @@ impl Attachment {
     /// A node held to a point of the world.
     #[must_use]
     pub fn node_to_space(node: NodeId, position: Vec3, compliance_m_n: f32) -> Self {
-        Self { point: smallvec![(node, 1.0)], anchor: Anchor::Space(position), compliance_m_n }
+        Self { point: smallvec![(node, 1.0)], anchor: Anchor::Space(position), compliance_m_n, until_s: f64::INFINITY }
     }
 
     fn names(&self, node: NodeId) -> bool {
@@ -50,6 +52,11 @@ impl Attachment {
 }
 
 impl Attachments {
+    /// Lets go of the attachments whose time has come.
+    pub fn expire(&mut self, now_s: f64) {
+        self.0.retain(|a| a.until_s > now_s);
+    }
+
     /// Carries the attachments over a topology change: an attachment at a node that was split holds both sides, each at its own node;
     /// one at a removed node goes.
     pub fn remap(&mut self, delta: &TopologyDelta) {

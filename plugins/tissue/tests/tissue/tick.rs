@@ -57,8 +57,12 @@ fn an_instrument_takes_its_node_along() {
     let to = Isometry3d::new(Vec3::new(0.0, 0.005, 0.01), Quat::from_rotation_y(0.3));
     let tool = app.world_mut().spawn(InstrumentPose { now: to, before: from }).id();
     let local = Vec3::new(0.0, 0.0, -0.01);
-    let attachment =
-        Attachment { point: smallvec![(NodeId(0), 1.0)], anchor: Anchor::Tool { instrument: tool, local }, compliance_m_n: 0.0 };
+    let attachment = Attachment {
+        point: smallvec![(NodeId(0), 1.0)],
+        anchor: Anchor::Tool { instrument: tool, local },
+        compliance_m_n: 0.0,
+        until_s: f64::INFINITY,
+    };
     app.world_mut().entity_mut(organ).insert(Attachments(vec![attachment]));
     app.update();
     let expected = Vec3::from(to.transform_point(local));
