@@ -62,7 +62,6 @@ pub fn faults() -> u64 {
 /// The app of a theatre, with everything spawned.
 ///
 /// With [`Output::None`] and [`Output::Pictures`] it is finished and ready for `App::update`; with [`Output::Window`] for `App::run`.
-#[must_use]
 pub fn simulation(theatre: Theatre, settings: Settings) -> App {
     let mut app = App::new();
     add_engine(&mut app, settings);

@@ -7,6 +7,7 @@ use crate::theatre::Theatre;
 use indicatif::{ProgressBar, ProgressStyle};
 use keyhole_view::adapter_available;
 use keyhole_whiteboard::CutMethod;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `keyhole run`.
@@ -98,14 +99,14 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
         PerformError::Picture(_) | PerformError::Fault { .. } => Failure::job(e),
     })?;
     outcome.summary.pictures = drawn_with;
-    println!("{}", outcome.summary.markdown(&outcome.costs));
+    say(&outcome.summary.markdown(&outcome.costs));
     for (folder, place) in [frames].into_iter().flatten() {
         folder.finish().map_err(|e| Failure::job(format!("{}: {e}", place.display())))?;
     }
     if let Some((folder, place)) = report {
         let in_place = |e: std::io::Error| Failure::job(format!("{}: {e}", place.display()));
         write(folder.path(), &outcome).map_err(in_place)?;
-        println!("Report: {}", folder.finish().map_err(in_place)?.display());
+        say(&format!("Report: {}", folder.finish().map_err(in_place)?.display()));
     }
     if outcome.summary.quarantined.is_empty() {
         Ok(())
@@ -119,6 +120,11 @@ fn write(folder: &Path, outcome: &Outcome) -> std::io::Result<()> {
     let json = serde_json::to_string_pretty(&outcome.summary)?;
     std::fs::write(folder.join("summary.json"), json + "\n")?;
     std::fs::write(folder.join("summary.md"), outcome.summary.markdown(&outcome.costs))
+}
+
+/// Prints a line. A reader that has had enough and closed the pipe is no reason to fail.
+fn say(line: &str) {
+    drop(writeln!(std::io::stdout(), "{line}"));
 }
 
 /// A bar on a terminal, nothing elsewhere.
