@@ -1,7 +1,7 @@
 //! Keyhole: a laparoscopic surgery simulator whose tissue is cut progressively, conformingly and again and again.
 //!
 //! The rooms under `plugins/` do not know each other; this crate knows them all. [`theatre`] reads what a scene needs from disk,
-//! [`spawn`] puts it on the whiteboard, [`simulation`] assembles the plugins around it, [`perform`] lets a scene's demonstration run
+//! [`spawn`] puts it on the whiteboard, [`mod@simulation`] assembles the plugins around it, [`perform`] lets a scene's demonstration run
 //! without a window and [`report`] says how it went. [`cli`] is the command line on top.
 
 pub mod cli;

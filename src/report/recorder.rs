@@ -26,11 +26,12 @@ pub struct Recorder {
 #[derive(Debug)]
 struct Path {
     organ: Entity,
+    came_tick: u64,
+    /// Since when nothing holds it, and where and how fast it was then.
     start_tick: u64,
     start: DVec3,
     velocity: DVec3,
     off_m: f64,
-    held: bool,
     fragment: Fragment,
 }
 
@@ -107,25 +108,23 @@ impl Recorder {
                 None => {
                     let fragment = Fragment { name: name.name.clone(), freed_at_s: freed.time_s, mass_kg: motion.mass, ..default() };
                     let (start, velocity) = (motion.centre, motion.velocity);
-                    self.paths.push(Path { organ, start_tick: self.ticks, start, velocity, off_m: 0.0, held: false, fragment });
+                    self.paths.push(Path { organ, start_tick: self.ticks, start, velocity, off_m: 0.0, came_tick: self.ticks, fragment });
                     let last = self.paths.len() - 1;
                     &mut self.paths[last]
                 }
             };
-            let held = !attachments.0.is_empty();
-            if path.held && !held {
-                // What held it has let go: from here on it falls.
+            path.fragment.held = !attachments.0.is_empty();
+            if path.fragment.held {
+                // It falls from where it is let go.
                 (path.start_tick, path.start, path.velocity, path.off_m) = (self.ticks, motion.centre, motion.velocity, 0.0);
             }
-            path.held = held;
             let t = (self.ticks - path.start_tick) as f64 / TICKS_PER_SECOND;
             let free_fall = path.start + path.velocity * t + gravity * (t * t / 2.0);
             path.off_m = path.off_m.max(motion.centre.distance(free_fall));
             path.fragment.mass_kg = motion.mass;
-            path.fragment.held = path.held;
-            path.fragment.off_free_fall_m = (!path.held).then_some(path.off_m);
+            path.fragment.off_free_fall_m = (!path.fragment.held).then_some(path.off_m);
             path.fragment.fallen_m = (motion.centre - path.start).dot(gravity.normalize_or_zero());
-            if (self.ticks - path.start_tick).is_multiple_of(TICKS_PER_ENTRY) {
+            if (self.ticks - path.came_tick).is_multiple_of(TICKS_PER_ENTRY) {
                 let c = motion.centre;
                 path.fragment.centre_of_mass.push([now_s, c.x, c.y, c.z]);
             }

@@ -95,12 +95,12 @@ pub struct Fragment {
     pub freed_at_s: f64,
     /// Its mass, kg.
     pub mass_kg: f64,
-    /// Whether something still holds it.
+    /// Whether something holds it to the end.
     pub held: bool,
-    /// How far its centre of mass has moved along gravity, m.
+    /// How far its centre of mass has moved along gravity since nothing holds it, m.
     pub fallen_m: f64,
-    /// Largest distance of its centre of mass from `c + v t + g t2 / 2` with `c` and `v` of the tick that freed it, m; `null` while
-    /// it is held.
+    /// Largest distance of its centre of mass from `c + v t + g t2 / 2` with `c` and `v` of the tick since which nothing
+    /// holds it, m; `null` while something does.
     pub off_free_fall_m: Option<f64>,
     /// Its centre of mass over time, ten times a second: time since the start (s), x, y, z (m).
     pub centre_of_mass: Vec<[f64; 4]>,
