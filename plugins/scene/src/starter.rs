@@ -34,6 +34,8 @@ const HELD: f64 = 0.2;
 const SUPPORTED: f64 = 0.6;
 /// How far the piece sags in the assistant's hands once it is free, m: the cut opens that far.
 const SAG_M: f64 = 0.004;
+/// Time that the piece is seen falling at the end, s: about 12 cm.
+const FALLS_S: f64 = 0.15;
 /// Time between the end of the cut and the assistant's letting go, s.
 const LETS_GO_S: f64 = 0.6;
 /// Keyframes of the sweep.
@@ -187,9 +189,9 @@ fn text(plan: &Plan, name: &str) -> String {
         };
         key(time, fan.at(plan.tip_radius_m, angle), k + 1 < SWEEP_KEYS, note);
     }
-    key(sweep_end + 0.8, fan.at(plan.tip_radius_m, plan.sweep.1 + 0.05), false, "");
+    key(sweep_end + 0.7, fan.at(plan.tip_radius_m, plan.sweep.1 + 0.05), false, "");
     let until_s = sweep_end + LETS_GO_S;
-    let seconds = until_s + 0.6;
+    let seconds = until_s + FALLS_S;
     let (support_point, support_normal, support_compliance) =
         (point(plan.support_point), point(-plan.hold_normal), plan.support_compliance);
     let materials = materials(plan.materials);

@@ -88,10 +88,13 @@ fn assert_the_sweep_frees_the_tumour(scene: &Scene) {
     let tumour: Vec<f64> =
         mesh.iter().filter(|(t, _)| mesh.tet(*t).material.0 == 1).flat_map(|(_, c)| c).map(|n| side(mesh.rest(n))).collect();
     assert!(tumour.iter().all(|d| *d > 3e-3), "the tumour lies below the sheet with 3 mm of margin");
-    let held = organ.attachments(&mesh);
-    let share = held.0.len() as f64 / mesh.node_count() as f64;
+    let (held, supported): (Vec<_>, Vec<_>) = organ.attachments(&mesh).0.into_iter().partition(|a| a.until_s.is_infinite());
+    let share = held.len() as f64 / mesh.node_count() as f64;
     assert!((0.1..0.3).contains(&share), "{share} of the nodes are held");
-    assert!(held.0.iter().all(|a| side(mesh.rest(a.point[0].0)) < -5e-3), "what is held stays");
+    assert!(held.iter().all(|a| side(mesh.rest(a.point[0].0)) < -5e-3), "what is held stays");
+    let cut_through = f64::from(keys[last].time_s);
+    assert!(!supported.is_empty() && supported.iter().all(|a| a.until_s > cut_through), "the piece is held until the cut is through");
+    assert!(supported.iter().all(|a| side(mesh.rest(a.point[0].0)) > 3e-3), "only the piece is let go");
     // Every point where the sheet's plane meets the organ is swept: between heel and tip, between the first angle and the last.
     let port = scene.port("right").unwrap().position.as_dvec3();
     let plane = keyhole_scene::section::Plane { normal, offset: normal.dot(heel) };

@@ -14,9 +14,9 @@ const SUBSTEPS: (f32, f32) = (20.0, 3400.0);
 /// Most substeps of a tick of rescue: stiffer tissue than 70 kPa in shear may not come back.
 const MOST_SUBSTEPS: f32 = 90.0;
 
-/// A body is tangled when more than one in so many of its elements is inverted. A few are a bridge of tissue about to be cut through, torn out of shape
+/// A body is tangled when more than one in so many of its elements is inverted. A few may be a bridge of tissue about to be cut through, torn out of shape
 /// by the weight of what hangs on it: with one inverted element as the mark, rescue shook the kidney's last bridge to pieces.
-const TANGLED: usize = 50;
+const TANGLED: usize = 400;
 
 /// Whether a body is turned inside out.
 #[must_use]

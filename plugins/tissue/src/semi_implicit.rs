@@ -86,8 +86,10 @@ pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3,
         for (i, change) in &changes {
             state.velocities[*i] += Vec3::from(*change);
         }
-        for (x, v) in state.positions.iter_mut().zip(&state.velocities) {
-            *x += *v * h;
+        // Of a free fall the velocity at the end of a substep would be half a substep ahead.
+        let ahead = if holds.is_empty() { gravity * (0.5 * h * h) } else { Vec3::ZERO };
+        for ((x, v), free) in state.positions.iter_mut().zip(&state.velocities).zip(&free) {
+            *x += *v * h - if *free { ahead } else { Vec3::ZERO };
         }
     }
 }
