@@ -164,12 +164,6 @@ impl BatchCut {
         of_tets(self.mesh.iter().filter(|(t, _)| self.along[self.mesh.tet(*t).source as usize]).map(|(t, _)| self.mesh.points(t)))
     }
 
-    /// Events taken back so far.
-    #[must_use]
-    pub fn operations_deferred(&self) -> u64 {
-        self.cutter.operations().deferred
-    }
-
     /// How far the visible wound trails behind the blade, m.
     fn lag_m(&mut self) -> f64 {
         let at = self.cutter.surface_points(&self.mesh);

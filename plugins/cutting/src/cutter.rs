@@ -151,14 +151,6 @@ impl Cutter {
         EDGES.iter().any(|&[i, j]| self.stroke.crossings.get(&EdgeKey::new(corners[i], corners[j])).is_some_and(|c| !c.settled))
     }
 
-    /// Whether a boundary face of the mesh was opened by the stroke in progress.
-    #[must_use]
-    pub fn is_cut_face(&self, face: FaceKey, tet: TetId) -> bool {
-        let Some(touched) = self.stroke.parent.get(&tet).and_then(|b| self.stroke.touched.get(b)) else { return false };
-        let Some(child) = touched.children.iter().find(|c| c.id == Some(tet)) else { return false };
-        (0..4).filter(|&i| face.nodes().contains(&child.nodes[i])).all(|i| self.stroke.is_on_sheet(child.key[i]))
-    }
-
     /// Area opened since the cutter was made, m2: one side of the cut.
     #[must_use]
     pub fn opened_m2(&self, mesh: &TetMesh) -> f64 {

@@ -67,16 +67,6 @@ impl TopologyDelta {
         self.nodes.is_empty() && self.removed.is_empty() && self.added.is_empty()
     }
 
-    /// Appends what happened next: node edits in order; a tetrahedron that came and went within the two is in neither list.
-    pub fn merge(&mut self, next: TopologyDelta) {
-        self.nodes.extend(next.nodes);
-        let gone: FxHashSet<TetId> = next.removed.iter().copied().collect();
-        let came: FxHashSet<TetId> = self.added.iter().map(|a| a.tet).collect();
-        self.added.retain(|a| !gone.contains(&a.tet));
-        self.removed.extend(next.removed.into_iter().filter(|t| !came.contains(t)));
-        self.added.extend(next.added);
-    }
-
     /// The tetrahedra whose geometry changed without being added: those around moved nodes.
     #[must_use]
     pub fn reshaped(&self, topology: &Topology) -> Vec<TetId> {

@@ -19,4 +19,4 @@ pub use instrument::{
 };
 pub use organ::{Anatomy, FragmentDetached, FreedFrom, Organ, OrganMaterial, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
 pub use scene::{Gravity, SceneRequirements};
-pub use tick::{Stage, TickCost, TickSystems, WhiteboardPlugin};
+pub use tick::{TickCost, TickSystems, WhiteboardPlugin};

@@ -29,9 +29,6 @@ pub enum TickSystems {
     Publish,
 }
 
-/// A stage whose cost is measured: the set of the same name.
-pub type Stage = TickSystems;
-
 impl TickSystems {
     /// All sets in order.
     pub const ALL: [Self; 9] =
