@@ -92,7 +92,7 @@ fn assert_the_sweep_frees_the_tumour(scene: &Scene) {
     let share = held.len() as f64 / mesh.node_count() as f64;
     assert!((0.1..0.3).contains(&share), "{share} of the nodes are held");
     assert!(held.iter().all(|a| side(mesh.rest(a.point[0].0)) < -5e-3), "what is held stays");
-    let cut_through = f64::from(keys[last].time_s);
+    let cut_through = keys[last].time_s;
     assert!(!supported.is_empty() && supported.iter().all(|a| a.until_s > cut_through), "the piece is held until the cut is through");
     assert!(supported.iter().all(|a| side(mesh.rest(a.point[0].0)) > 3e-3), "only the piece is let go");
     // Every point where the sheet's plane meets the organ is swept: between heel and tip, between the first angle and the last.
