@@ -1,13 +1,15 @@
-//! A blade's recorded path cut through a mesh in its rest shape, with a row of figures for each sample.
+//! A blade's recorded path cut through a mesh in its rest shape.
+//!
+//! [`BatchCut::step`] moves the blade and costs what the cut costs. [`BatchCut::sample`] also looks at the whole mesh for a row of figures.
 
 use crate::blade::BladeSample;
 use crate::cutter::{Cutter, Operations, StepReport};
 use keyhole_tetmesh::components::Components;
 use keyhole_tetmesh::quality::{Quality, of_tets};
-use keyhole_tetmesh::{DVec3, TetId, TetMesh};
+use keyhole_tetmesh::{DVec3, NodeEdit, TetId, TetMesh, TopologyDelta};
 use keyhole_whiteboard::CutSettings;
 use serde::Serialize;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// One row of `steps.csv`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -44,6 +46,19 @@ pub struct BatchRow {
     pub elapsed_us: u64,
 }
 
+/// What a sample did to the mesh.
+#[derive(Clone, Debug, Default)]
+pub struct Moved {
+    /// Operations on tetrahedra.
+    pub operations: Operations,
+    /// Area that the blade swept inside the tissue, m2.
+    pub swept_m2: f64,
+    /// Wall-clock time from the sample to the new topology.
+    pub elapsed: Duration,
+    /// What changed.
+    pub delta: TopologyDelta,
+}
+
 /// A mesh being cut along a path.
 #[derive(Debug)]
 pub struct BatchCut {
@@ -52,7 +67,7 @@ pub struct BatchCut {
     cutter: Cutter,
     last: Option<BladeSample>,
     row: BatchRow,
-    /// Original tetrahedra that the cut has touched: their parts are the tetrahedra along the cut.
+    /// Original tetrahedra that the cut has changed: their parts are the tetrahedra along the cut.
     along: Vec<bool>,
     entered: Option<[DVec3; 2]>,
 }
@@ -63,8 +78,8 @@ impl BatchCut {
     pub fn new(mesh: TetMesh, settings: CutSettings) -> Self {
         let mut cutter = Cutter::new(&mesh);
         cutter.set_settings(settings);
-        let along = vec![false; mesh.tet_slots()];
-        Self { mesh, cutter, last: None, row: BatchRow::default(), along, entered: None }
+        let sources = mesh.iter().map(|(t, _)| mesh.tet(t).source as usize + 1).max().unwrap_or(0);
+        Self { mesh, cutter, last: None, row: BatchRow::default(), along: vec![false; sources], entered: None }
     }
 
     /// Whether a later sample may still change this tetrahedron.
@@ -73,9 +88,33 @@ impl BatchCut {
         self.cutter.is_temporary(tet)
     }
 
+    /// Whether the cut has changed the original tetrahedron that this one is a part of: split it, or moved one of its nodes.
+    #[must_use]
+    pub fn is_along(&self, tet: TetId) -> bool {
+        self.along[self.mesh.tet(tet).source as usize]
+    }
+
+    /// Mean edge length of the mesh as it was, m.
+    #[must_use]
+    pub fn mean_edge_m(&self) -> f64 {
+        self.cutter.mean_edge_m()
+    }
+
+    /// Area opened so far, one side, m2.
+    #[must_use]
+    pub fn opened_m2(&self) -> f64 {
+        self.cutter.opened_m2(&self.mesh)
+    }
+
+    /// Points where the blade goes through the outer surface, rest shape, m.
+    #[must_use]
+    pub fn surface_points(&self) -> Vec<DVec3> {
+        self.cutter.surface_points(&self.mesh)
+    }
+
     /// Moves the blade to a sample. Two samples that both cut are joined by steps of less than a quarter of an edge; a sample that does not cut
     /// ends the stroke.
-    pub fn sample(&mut self, sample: BladeSample) -> BatchRow {
+    pub fn step(&mut self, sample: BladeSample) -> Moved {
         let start = Instant::now();
         let mut done = StepReport::default();
         match self.last.filter(|l| l.active) {
@@ -85,24 +124,31 @@ impl BatchCut {
             None => {}
         }
         self.last = Some(sample);
-        self.report(sample.t_s, done, start)
+        self.moved(done, start)
     }
 
-    /// Moves the blade to the last sample and ends the path: everything settles.
-    pub fn last_sample(&mut self, sample: BladeSample) -> BatchRow {
-        let moved = self.sample(sample);
+    /// Ends the path: everything settles.
+    pub fn finish(&mut self) -> Moved {
         let start = Instant::now();
         let mut done = StepReport::default();
         self.end(&mut done);
-        let ended = self.report(sample.t_s, done, start);
-        BatchRow {
-            step: moved.step,
-            deleted: moved.deleted + ended.deleted,
-            created: moved.created + ended.created,
-            updated: moved.updated + ended.updated,
-            elapsed_us: moved.elapsed_us + ended.elapsed_us,
-            ..ended
-        }
+        self.moved(done, start)
+    }
+
+    /// Moves the blade to a sample and looks at the whole mesh.
+    pub fn sample(&mut self, sample: BladeSample) -> BatchRow {
+        let moved = self.step(sample);
+        self.report(sample.t_s, &moved)
+    }
+
+    /// Moves the blade to the last sample, ends the path and looks at the whole mesh.
+    pub fn last_sample(&mut self, sample: BladeSample) -> BatchRow {
+        let mut moved = self.step(sample);
+        let ended = self.finish();
+        moved.operations += ended.operations;
+        moved.swept_m2 += ended.swept_m2;
+        moved.elapsed += ended.elapsed;
+        self.report(sample.t_s, &moved)
     }
 
     fn end(&mut self, done: &mut StepReport) {
@@ -127,16 +173,33 @@ impl BatchCut {
         let line: Vec<DVec3> = (0..count).map(|i| tip.lerp(heel, i as f64 / (count - 1) as f64)).collect();
         let seeds = self.cutter.tets_at(&self.mesh, &line);
         add(done, self.cutter.advance(&mut self.mesh, &line, &seeds));
-        for tet in self.cutter.children() {
-            self.along[self.mesh.tet(tet).source as usize] = true;
-        }
     }
 
-    fn report(&mut self, t_s: f64, done: StepReport, start: Instant) -> BatchRow {
-        let elapsed_us = start.elapsed().as_micros() as u64;
-        let _ = self.mesh.take_delta();
+    /// Stops the clock and takes down what the sample changed.
+    fn moved(&mut self, done: StepReport, start: Instant) -> Moved {
+        let elapsed = start.elapsed();
+        let delta = self.mesh.take_delta();
+        for added in &delta.added {
+            self.along[self.mesh.tet(added.tet).source as usize] = true;
+        }
+        for edit in &delta.nodes {
+            if let NodeEdit::Moved { node, .. } = edit {
+                for tet in self.mesh.topology().around_node(*node) {
+                    self.along[self.mesh.tet(*tet).source as usize] = true;
+                }
+            }
+        }
+        if let (None, Some(last)) = (self.entered, self.last.filter(|l| l.active))
+            && !self.surface_points().is_empty()
+        {
+            self.entered = Some([last.tip, last.heel]);
+        }
+        Moved { operations: done.operations, swept_m2: done.swept_m2, elapsed, delta }
+    }
+
+    fn report(&mut self, t_s: f64, moved: &Moved) -> BatchRow {
         let quality = self.quality_along();
-        let Operations { deleted, created, updated, .. } = done.operations;
+        let Operations { deleted, created, updated, .. } = moved.operations;
         let row = BatchRow {
             t_s,
             tets: self.mesh.tet_count(),
@@ -148,10 +211,10 @@ impl BatchCut {
             mean_edge_ratio: quality.mean_edge_ratio,
             min_edge_ratio: quality.min_edge_ratio,
             min_dihedral_deg: quality.min_dihedral_deg,
-            swept_area_mm2: self.row.swept_area_mm2 + done.swept_m2 * 1e6,
-            opened_area_mm2: self.cutter.opened_m2(&self.mesh) * 1e6,
+            swept_area_mm2: self.row.swept_area_mm2 + moved.swept_m2 * 1e6,
+            opened_area_mm2: self.opened_m2() * 1e6,
             lag_mm: self.lag_m() * 1e3,
-            elapsed_us,
+            elapsed_us: moved.elapsed.as_micros() as u64,
             step: self.row.step,
         };
         self.row = BatchRow { step: row.step + 1, ..row };
@@ -161,19 +224,21 @@ impl BatchCut {
     /// Quality of the tetrahedra along the cut so far.
     #[must_use]
     pub fn quality_along(&self) -> Quality {
-        of_tets(self.mesh.iter().filter(|(t, _)| self.along[self.mesh.tet(*t).source as usize]).map(|(t, _)| self.mesh.points(t)))
+        of_tets(self.mesh.iter().filter(|(t, _)| self.is_along(*t)).map(|(t, _)| self.mesh.points(t)))
     }
 
-    /// How far the visible wound trails behind the blade, m.
-    fn lag_m(&mut self) -> f64 {
-        let at = self.cutter.surface_points(&self.mesh);
+    /// How far the visible wound trails behind the blade, m: from where the blade goes through the surface to the nearest point of the
+    /// wound there; as long as there is no wound, to where the blade entered.
+    #[must_use]
+    pub fn lag_m(&self) -> f64 {
+        let at = self.surface_points();
         if at.is_empty() {
             return 0.0;
         }
         let wound = self.cutter.wound_points(&self.mesh);
         if wound.is_empty() {
             let ends = self.last.map(|l| [l.tip, l.heel]).unwrap_or_default();
-            let entered = *self.entered.get_or_insert(ends);
+            let entered = self.entered.unwrap_or(ends);
             return entered[0].distance(ends[0]).max(entered[1].distance(ends[1]));
         }
         let nearest = |p: &DVec3| wound.iter().map(|w| w.distance(*p)).fold(f64::INFINITY, f64::min);

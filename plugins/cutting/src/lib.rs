@@ -16,7 +16,7 @@ pub(crate) mod sides;
 mod snap;
 mod stroke;
 
-pub use batch::{BatchCut, BatchRow};
+pub use batch::{BatchCut, BatchRow, Moved};
 pub use blade::{BladeError, BladeSample, read_blade};
 pub use cutter::{Cutter, Operations, StepReport};
 pub use plugin::CuttingPlugin;

@@ -56,7 +56,16 @@ impl Cutter {
         candidates.extend(fresh_on_sheet);
 
         let old_points = self.stroke.face_points.clone();
-        let faces_seen: BTreeSet<FaceKey> = candidates.iter().flat_map(|t| (0..4).map(|f| self.base.face_key(*t, f))).collect();
+        // A face whose point comes or goes changes the tetrahedra on both of its sides.
+        let mut faces_seen: BTreeSet<FaceKey> = BTreeSet::new();
+        let mut fresh: Vec<TetId> = candidates.iter().copied().collect();
+        while let Some(tet) = fresh.pop() {
+            for face in (0..4).map(|f| self.base.face_key(tet, f)) {
+                if faces_seen.insert(face) && self.face_point(mesh, face).is_some() != old_points.contains_key(&face) {
+                    fresh.extend(self.base.around_face(face).filter(|t| candidates.insert(*t)));
+                }
+            }
+        }
         let mut held: FxHashSet<FaceKey> = FxHashSet::default();
         let mut plans = self.plans(mesh, &candidates, &faces_seen, &old_points, &held);
         for _ in 0..ROUNDS {
