@@ -38,10 +38,10 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             shaft_radius_m: instrument.shaft_radius_m,
         };
         let state = trocar_state(instrument.yaw_deg, instrument.pitch_deg, instrument.insertion_m);
-        // The blade comes first: instruments equip what arrives without one.
+        // What cuts comes first: instruments equip what arrives without it.
         let mut entity = world.spawn_empty();
-        if let Some(blade) = tools::blade(kind, instrument.blade_length_m) {
-            entity.insert(blade);
+        if let Some(of_kind) = tools::cutting_line(kind) {
+            entity.insert(instrument.cutting_line(of_kind));
         }
         entity.insert((told, instrument.hand.hand(), port, state));
     }

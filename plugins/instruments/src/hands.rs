@@ -9,7 +9,7 @@ use keyhole_whiteboard::Hand;
 pub const KEYS: &[(&str, &str)] = &[
     ("Mouse", "moves the handle of the active instrument; the tip goes the other way about the port"),
     ("Mouse wheel", "pushes the active instrument in and pulls it out"),
-    ("Left mouse button", "closes the jaws; the hook cuts while it is down"),
+    ("Left mouse button", "closes the jaws, scissors cut as they close; hook and scalpel cut while it is down"),
     ("Q / E", "roll the active instrument"),
     ("Tab", "the other hand; the one left behind holds still"),
     ("C or right mouse button", "held: the mouse moves the endoscope, the wheel pushes it in and pulls it out"),

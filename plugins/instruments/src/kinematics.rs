@@ -21,7 +21,7 @@ pub struct TrocarState {
     pub roll_rad: f32,
     /// 0 open to 1 closed.
     pub grip: f32,
-    /// Whether the pedal is down: a hook cuts while it is.
+    /// Whether the pedal is down: hook and scalpel cut while it is.
     pub pedal: bool,
 }
 

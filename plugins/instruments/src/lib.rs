@@ -1,11 +1,12 @@
 //! Instruments: trocar kinematics, the trainee's hands on mouse and keyboard, the scripted demonstration, tool models, jaws and blades.
 //!
-//! [`kinematics`], [`hands`], [`script`] and [`tools`] are plain functions over plain data; [`plugin`] is the glue. Whatever moves an
+//! [`kinematics`], [`hands`], [`script`], [`line`] and [`tools`] are plain functions over plain data; [`plugin`] is the glue. Whatever moves an
 //! instrument, a mouse or a script, moves its [`TrocarState`], and the pose follows from that alone: the shaft cannot leave its port.
 
 pub mod error;
 pub mod hands;
 pub mod kinematics;
+pub mod line;
 mod model;
 pub mod plugin;
 pub mod script;
@@ -16,4 +17,4 @@ pub use hands::{HandInput, HandSettings, KEYS};
 pub use kinematics::{PortFrame, TrocarLimits, TrocarState};
 pub use plugin::InstrumentsPlugin;
 pub use script::{HandKey, HandTrack, Script, ScriptClock, ViewKey};
-pub use tools::{blade, tool_model, working_reach};
+pub use tools::{cutting_line, tool_model, working_reach};

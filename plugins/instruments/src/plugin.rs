@@ -2,6 +2,7 @@
 
 use crate::hands::{HandInput, HandSettings, KEYS, Moved, hand_tick, scope_tick};
 use crate::kinematics::{PortFrame, TrocarLimits, TrocarState};
+use crate::line::{Controls, JawStroke, blade_now};
 use crate::script::{Script, ScriptClock};
 use crate::tools;
 use bevy_app::prelude::*;
@@ -12,8 +13,8 @@ use bevy_input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseBut
 use bevy_math::Vec2;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, Endoscope, Hand, Instrument, InstrumentPose, Jaws, KeyMap, PointerClaims, Port, SceneRequirements, SimulationControl,
-    TickSystems,
+    Blade, CuttingLine, Endoscope, Hand, Instrument, InstrumentPose, Jaws, KeyMap, PointerClaims, Port, SceneRequirements,
+    SimulationControl, TickSystems,
 };
 
 /// Pixels of a touchpad's scroll that count as one notch of a wheel.
@@ -30,6 +31,7 @@ impl Plugin for InstrumentsPlugin {
             .init_resource::<Script>()
             .init_resource::<ScriptClock>()
             .register_required_components::<TrocarState, TrocarLimits>()
+            .register_required_components::<CuttingLine, JawStroke>()
             .add_observer(equip)
             .add_systems(RunFixedMainLoop, gather_input.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop))
             .add_systems(
@@ -52,15 +54,15 @@ fn performing(control: Res<SimulationControl>) -> bool {
     control.demonstration
 }
 
-/// Gives a new instrument its blade, unless the scene gave one, and its model.
-fn equip(added: On<Add, Instrument>, instruments: Query<(&Instrument, Option<&Blade>)>, mut commands: Commands) {
+/// Gives a new instrument its cutting line, unless the scene gave one, and its model.
+fn equip(added: On<Add, Instrument>, instruments: Query<(&Instrument, Option<&CuttingLine>)>, mut commands: Commands) {
     let Ok((instrument, given)) = instruments.get(added.entity) else { return };
-    let blade = given.copied().or_else(|| tools::blade(instrument.kind, None));
-    let model = tools::tool_model(instrument.kind, instrument.shaft_length_m, instrument.shaft_radius_m, blade.as_ref());
+    let line = given.copied().or_else(|| tools::cutting_line(instrument.kind));
+    let model = tools::tool_model(instrument.kind, instrument.shaft_length_m, instrument.shaft_radius_m, line.as_ref());
     let mut entity = commands.entity(added.entity);
     entity.insert_if_new(model);
-    if let Some(blade) = blade {
-        entity.insert_if_new(blade);
+    if let Some(line) = line {
+        entity.insert_if_new(line);
     }
 }
 
@@ -112,11 +114,11 @@ fn advance_clock(mut clock: ResMut<ScriptClock>, script: Res<Script>, time: Res<
 fn perform_hands(
     script: Res<Script>,
     clock: Res<ScriptClock>,
-    mut instruments: Query<(&Instrument, &Hand, &Port, &TrocarLimits, Option<&Blade>, &mut TrocarState)>,
+    mut instruments: Query<(&Instrument, &Hand, &Port, &TrocarLimits, Option<&CuttingLine>, &mut TrocarState)>,
 ) {
-    for (instrument, hand, port, limits, blade, mut state) in &mut instruments {
+    for (instrument, hand, port, limits, line, mut state) in &mut instruments {
         let Some(key) = script.hand(*hand, clock.time_s) else { continue };
-        let reach = tools::working_reach(instrument.kind, blade);
+        let reach = tools::working_reach(instrument.kind, line);
         let told = TrocarState { roll_rad: key.roll_rad, grip: key.grip, pedal: key.active, ..*state };
         if let Some(wanted) = PortFrame::of(port).reach(key.tip, reach, &told) {
             *state = limits.clamp(wanted);
@@ -163,21 +165,21 @@ fn move_endoscope(
     }
 }
 
-fn publish_instruments(mut instruments: Query<(&Instrument, &Port, Ref<TrocarState>, &mut InstrumentPose, &mut Jaws, Option<&mut Blade>)>) {
-    for (instrument, port, state, mut pose, mut jaws, blade) in &mut instruments {
+type Cuts<'a> = (&'a CuttingLine, &'a mut JawStroke, &'a mut Blade);
+
+fn publish_instruments(mut instruments: Query<(&Instrument, &Port, Ref<TrocarState>, &mut InstrumentPose, &mut Jaws, Option<Cuts>)>) {
+    for (instrument, port, state, mut pose, mut jaws, cuts) in &mut instruments {
         let now = PortFrame::of(port).pose(&state);
-        // An instrument that has just come has not moved here from anywhere.
+        // An instrument that has just come has not moved here from anywhere, and its jaws stand as they are.
         let came = state.is_added();
-        let moved = InstrumentPose { now, before: if came { now } else { pose.now } };
-        let angle_rad = (1.0 - state.grip) * tools::widest_angle_rad(instrument.kind);
-        if let Some(mut blade) = blade {
-            let active = !came && tools::cuts(instrument.kind, state.pedal, jaws.angle_rad, angle_rad);
-            if blade.active != active {
-                blade.active = active;
-            }
+        let now_rad = (1.0 - state.grip) * tools::widest_angle_rad(instrument.kind);
+        let before_rad = if came { now_rad } else { jaws.angle_rad };
+        if let Some((line, mut stroke, mut blade)) = cuts {
+            let controls = Controls { pedal: state.pedal && !came, before_rad, now_rad };
+            blade.set_if_neq(blade_now(line, controls, &mut stroke));
         }
-        *pose = moved;
-        jaws.angle_rad = angle_rad;
+        *pose = InstrumentPose { now, before: if came { now } else { pose.now } };
+        jaws.angle_rad = now_rad;
     }
 }
 
@@ -259,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hook_cuts_while_the_button_is_down_and_scissors_while_closing() {
+    fn the_hook_cuts_while_the_button_is_down_and_scissors_sweep_their_opening_while_closing() {
         let (mut app, [right, left, _]) = theatre();
         let mut buttons = ButtonInput::<MouseButton>::default();
         buttons.press(MouseButton::Left);
@@ -268,12 +270,20 @@ mod tests {
         assert!(app.world().get::<Blade>(right).unwrap().active);
         assert!(!app.world().get::<Blade>(left).unwrap().active);
         app.world_mut().resource_mut::<HandInput>().switch_hand();
-        app.update();
-        assert!(app.world().get::<Blade>(left).unwrap().active);
+        let mut swept = 0.0;
+        let mut last: Option<Blade> = None;
         for _ in 0..30 {
             app.update();
+            let blade = *app.world().get::<Blade>(left).unwrap();
+            // Half a trapezoid's heights times its sides, in the plane of the jaws.
+            let step = |from: Blade| (from.tip.z - blade.tip.z) * (from.tip.y + blade.tip.y);
+            swept += last.filter(|l| l.active && blade.active).map_or(0.0, step);
+            last = Some(blade);
         }
-        assert!(!app.world().get::<Blade>(left).unwrap().active, "closed scissors cut nothing");
+        assert!(!last.unwrap().active, "closed scissors cut nothing");
+        let (length, open) = (tools::SCISSORS_JAW_M, tools::widest_angle_rad(InstrumentKind::Scissors));
+        let wedge = length * length * open.sin() * open.cos();
+        assert!((swept / wedge - 1.0).abs() < 1e-3, "{swept} against {wedge} m2");
     }
 
     #[test]

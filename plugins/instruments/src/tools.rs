@@ -1,11 +1,11 @@
 //! The tools: opening angles, cutting lines, and what they look like.
 //!
-//! Shapes after the instruments of 5 mm laparoscopic sets: an insulated black shaft with a metal collar, tapered jaws of about 20 mm, and a
-//! hook electrode whose dissecting blade may be chosen longer.
+//! Shapes after the instruments of 5 mm laparoscopic sets: an insulated black shaft with a metal collar, tapered jaws of about 20 mm, a
+//! hook electrode whose dissecting blade may be chosen longer, and a scalpel with a pointed straight blade like a number 11.
 
 use crate::model::{Profile, Ring};
 use bevy_math::Vec3;
-use keyhole_whiteboard::{Blade, InstrumentKind, Joint, ToolModel, ToolPart};
+use keyhole_whiteboard::{CutTrigger, CuttingLine, InstrumentKind, Joint, LineShape, ToolModel, ToolPart};
 
 /// Length of a grasper's jaws from their pivot, m.
 pub const GRASPER_JAW_M: f32 = 0.020;
@@ -13,6 +13,10 @@ pub const GRASPER_JAW_M: f32 = 0.020;
 pub const SCISSORS_JAW_M: f32 = 0.018;
 /// Length of a hook's blade where the scene says nothing, m.
 pub const HOOK_BLADE_M: f32 = 0.016;
+/// Length of a scalpel's blade from its holder to its point, m.
+pub const SCALPEL_BLADE_M: f32 = 0.014;
+/// How far below the shaft's axis a scalpel's edge ends at the holder, m; its point is on the axis.
+pub const SCALPEL_DROP_M: f32 = 0.002;
 
 const STEEL: [f32; 3] = [0.62, 0.63, 0.65];
 const INSULATION: [f32; 3] = [0.02, 0.02, 0.022];
@@ -24,46 +28,40 @@ pub fn widest_angle_rad(kind: InstrumentKind) -> f32 {
     match kind {
         InstrumentKind::Grasper => 30f32.to_radians(),
         InstrumentKind::Scissors => 25f32.to_radians(),
-        InstrumentKind::Hook => 0.0,
+        InstrumentKind::Hook | InstrumentKind::Scalpel => 0.0,
     }
 }
 
-/// The cutting line of a kind of instrument, in its frame; `length_m` where the scene chose one. A grasper has none.
+/// What about a kind of instrument cuts where the scene says nothing; a grasper cuts nothing. Every blade is cold.
 #[must_use]
-pub fn blade(kind: InstrumentKind, length_m: Option<f32>) -> Option<Blade> {
-    let length = match kind {
+pub fn cutting_line(kind: InstrumentKind) -> Option<CuttingLine> {
+    let edge = |length_m: f32, drop_m: f32| LineShape::Edge { tip: Vec3::new(0.0, 0.0, -length_m), heel: Vec3::new(0.0, -drop_m, 0.0) };
+    let (line, trigger) = match kind {
         InstrumentKind::Grasper => return None,
-        InstrumentKind::Scissors => length_m.unwrap_or(SCISSORS_JAW_M),
-        InstrumentKind::Hook => length_m.unwrap_or(HOOK_BLADE_M),
+        InstrumentKind::Scissors => (LineShape::JawLine { length_m: SCISSORS_JAW_M }, CutTrigger::Closing),
+        InstrumentKind::Hook => (edge(HOOK_BLADE_M, 0.0), CutTrigger::Pedal),
+        InstrumentKind::Scalpel => (edge(SCALPEL_BLADE_M, SCALPEL_DROP_M), CutTrigger::Pedal),
     };
-    Some(Blade { tip: Vec3::new(0.0, 0.0, -length), heel: Vec3::ZERO, active: false })
+    Some(CuttingLine { line, trigger, kerf_m: 0.0 })
 }
 
 /// How far ahead of the frame's origin the point lies that a hand steers, m: the blade's tip, or the end of the jaws' pads.
 #[must_use]
-pub fn working_reach(kind: InstrumentKind, blade: Option<&Blade>) -> f32 {
-    blade.map_or_else(|| if kind == InstrumentKind::Grasper { 0.8 * GRASPER_JAW_M } else { 0.0 }, |b| -b.tip.z)
-}
-
-/// Whether the blade cuts: a hook while the pedal is down, scissors while they close, a grasper never.
-#[must_use]
-pub fn cuts(kind: InstrumentKind, pedal: bool, angle_before_rad: f32, angle_now_rad: f32) -> bool {
-    match kind {
-        InstrumentKind::Grasper => false,
-        InstrumentKind::Scissors => angle_now_rad < angle_before_rad,
-        InstrumentKind::Hook => pedal,
-    }
+pub fn working_reach(kind: InstrumentKind, line: Option<&CuttingLine>) -> f32 {
+    line.map_or_else(|| if kind == InstrumentKind::Grasper { 0.8 * GRASPER_JAW_M } else { 0.0 }, |l| l.line.reach_m())
 }
 
 /// What an instrument looks like.
 #[must_use]
-pub fn tool_model(kind: InstrumentKind, shaft_length_m: f32, shaft_radius_m: f32, blade: Option<&Blade>) -> ToolModel {
+pub fn tool_model(kind: InstrumentKind, shaft_length_m: f32, shaft_radius_m: f32, line: Option<&CuttingLine>) -> ToolModel {
     let r = shaft_radius_m;
+    let length = |default: f32| line.map_or(default, |l| l.line.reach_m());
     let mut parts = shaft(shaft_length_m, r);
     match kind {
         InstrumentKind::Grasper => parts.extend(jaws(GRASPER_JAW_M, r, JawShape::Pad)),
-        InstrumentKind::Scissors => parts.extend(jaws(blade.map_or(SCISSORS_JAW_M, |b| -b.tip.z), r, JawShape::Edge)),
-        InstrumentKind::Hook => parts.extend(hook(blade.map_or(HOOK_BLADE_M, |b| -b.tip.z), r)),
+        InstrumentKind::Scissors => parts.extend(jaws(length(SCISSORS_JAW_M), r, JawShape::Edge)),
+        InstrumentKind::Hook => parts.extend(hook(length(HOOK_BLADE_M), r)),
+        InstrumentKind::Scalpel => parts.extend(scalpel(length(SCALPEL_BLADE_M), r)),
     }
     ToolModel { parts }
 }
@@ -174,17 +172,41 @@ fn hook(length: f32, r: f32) -> Vec<ToolPart> {
     ]
 }
 
+/// A holder, and a pointed blade whose edge runs straight from the point on the axis down to the holder; its back is blunt.
+fn scalpel(length: f32, r: f32) -> Vec<ToolPart> {
+    let holder = Profile::Slab.loft(&[
+        Ring { z: -0.12 * length, half_x: 0.16 * r, half_y: 0.55 * r, offset: Vec3::new(0.0, -0.12 * r, 0.0) },
+        Ring { z: 0.0, half_x: 0.45 * r, half_y: 0.75 * r, offset: Vec3::ZERO },
+        Ring { z: 0.6 * r, half_x: 0.8 * r, half_y: 0.8 * r, offset: Vec3::ZERO },
+    ]);
+    // A ring from the edge up to the back: of a lens it is the whole, of the plate the blunt upper part.
+    let back = |along: f32| (0.32 * r * (1.0 - along) / 0.12).min(0.32 * r) + 0.02 * r;
+    let ring = |along: f32, half_x: f32, from: f32| {
+        let edge = -SCALPEL_DROP_M * (1.0 - along);
+        let (low, high) = (edge + from * (back(along) - edge), back(along));
+        Ring { z: -along * length, half_x: half_x * r, half_y: (high - low) / 2.0, offset: Vec3::new(0.0, (low + high) / 2.0, 0.0) }
+    };
+    let blade = Profile::Round.loft(&[ring(1.0, 0.02, 0.0), ring(0.88, 0.08, 0.0), ring(0.0, 0.11, 0.0)]);
+    let plate = Profile::Slab.loft(&[ring(0.97, 0.02, 0.5), ring(0.85, 0.09, 0.5), ring(0.0, 0.12, 0.5)]);
+    vec![
+        ToolPart { name: "holder", mesh: holder, joint: Joint::Fixed, colour: [0.30, 0.31, 0.33], metallic: 1.0 },
+        ToolPart { name: "blade", mesh: blade, joint: Joint::Fixed, colour: [0.78, 0.79, 0.80], metallic: 1.0 },
+        ToolPart { name: "plate", mesh: plate, joint: Joint::Fixed, colour: STEEL, metallic: 1.0 },
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::model::tests::{assert_closed, assert_normals_point_out, signed_volume};
+    use bevy_math::FloatExt;
 
-    const KINDS: [InstrumentKind; 3] = [InstrumentKind::Grasper, InstrumentKind::Scissors, InstrumentKind::Hook];
+    const KINDS: [InstrumentKind; 4] = [InstrumentKind::Grasper, InstrumentKind::Scissors, InstrumentKind::Hook, InstrumentKind::Scalpel];
 
     #[test]
     fn every_part_is_a_closed_surface_with_outward_normals() {
         for kind in KINDS {
-            for part in tool_model(kind, 0.33, 0.0025, blade(kind, None).as_ref()).parts {
+            for part in tool_model(kind, 0.33, 0.0025, cutting_line(kind).as_ref()).parts {
                 assert_closed(part.name, &part.mesh);
                 assert!(signed_volume(&part.mesh) > 0.0, "{kind:?} {}", part.name);
                 assert_normals_point_out(part.name, &part.mesh);
@@ -192,13 +214,33 @@ mod tests {
         }
     }
 
+    /// The line of the kind, made `length` m long, and the part of its model of that name.
+    fn drawn(kind: InstrumentKind, length: f32, name: &str) -> (LineShape, Vec<Vec3>) {
+        let Some(line) = cutting_line(kind).map(|l| CuttingLine { line: l.line.with_reach(length), ..l }) else { panic!("{kind:?}") };
+        let model = tool_model(kind, 0.33, 0.0025, Some(&line));
+        let part = model.parts.into_iter().find(|p| p.name == name);
+        (line.line, part.into_iter().flat_map(|p| p.mesh.vertices).map(Vec3::from_array).collect())
+    }
+
     #[test]
     fn the_blade_that_is_drawn_is_the_blade_that_cuts() {
-        let line = blade(InstrumentKind::Hook, Some(0.06));
-        let model = tool_model(InstrumentKind::Hook, 0.33, 0.0025, line.as_ref());
-        let part = model.parts.iter().find(|p| p.name == "blade");
-        let front = part.map(|p| p.mesh.vertices.iter().map(|v| v[2]).fold(f32::MAX, f32::min));
-        assert_eq!(front, line.map(|b| b.tip.z));
+        for (kind, name, length) in
+            [(InstrumentKind::Hook, "blade", 0.06), (InstrumentKind::Scalpel, "blade", 0.02), (InstrumentKind::Scissors, "jaw_upper", 0.03)]
+        {
+            let (line, vertices) = drawn(kind, length, name);
+            assert_eq!((line.reach_m(), vertices.iter().map(|v| v.z).fold(f32::MAX, f32::min)), (length, -length), "{kind:?}");
+        }
+    }
+
+    /// Nothing of a scalpel's blade is below its cutting line, and all along the line there is blade.
+    #[test]
+    fn the_edge_of_a_scalpel_is_its_cutting_line() {
+        let (LineShape::Edge { tip, heel }, vertices) = drawn(InstrumentKind::Scalpel, 0.02, "blade") else { panic!("an edge") };
+        let above = |v: &Vec3| v.y - heel.y.lerp(tip.y, (v.z - heel.z) / (tip.z - heel.z));
+        assert!(vertices.iter().all(|v| above(v) > -1e-6 * tip.distance(heel)));
+        for end in [tip, heel] {
+            assert!(vertices.iter().any(|v| v.distance(end) < 1e-4 * tip.distance(heel)), "{end}");
+        }
     }
 
     #[test]
@@ -209,14 +251,5 @@ mod tests {
             let tip = part.joint.at(0.5) * Vec3::new(0.0, 0.0, -GRASPER_JAW_M);
             assert!(sign * tip.y > 0.4 * GRASPER_JAW_M, "{name} {tip}");
         }
-    }
-
-    #[test]
-    fn scissors_cut_while_they_close_and_a_hook_while_the_pedal_is_down() {
-        assert!(cuts(InstrumentKind::Scissors, false, 0.3, 0.2));
-        assert!(!cuts(InstrumentKind::Scissors, true, 0.2, 0.3));
-        assert!(!cuts(InstrumentKind::Scissors, true, 0.0, 0.0));
-        assert!(cuts(InstrumentKind::Hook, true, 0.0, 0.0));
-        assert!(!cuts(InstrumentKind::Grasper, true, 0.3, 0.2));
     }
 }

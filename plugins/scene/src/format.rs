@@ -184,6 +184,29 @@ pub enum SceneInstrumentKind {
     Scissors,
     /// Cuts along its blade while the pedal is down.
     Hook,
+    /// A pointed straight blade; cuts along its edge while the pedal is down.
+    Scalpel,
+}
+
+/// When a blade cuts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SceneTrigger {
+    /// While the pedal is down.
+    Pedal,
+    /// While the jaws close; the cut runs from where the blades cross to their tips.
+    Closing,
+}
+
+/// What about an instrument cuts. What is left out is as the kind has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SceneBlade {
+    /// Length of the cutting line, mm; from 1 to 200. Default 18 for scissors, 16 for a hook, 14 for a scalpel.
+    pub length_mm: Option<f32>,
+    /// When it cuts. Default Closing for scissors, which alone can; Pedal for the others. Scissors with Pedal cut along their shut blades.
+    pub trigger: Option<SceneTrigger>,
+    /// Thickness of tissue that the edge takes away, mm; from 0, a cold blade, to 3. Default 0.
+    pub kerf_mm: f32,
 }
 
 /// An instrument in a hand and a port.
@@ -205,8 +228,11 @@ pub struct SceneInstrument {
     /// Initial distance from the port to the end of the shaft, m. Default 0.08.
     #[serde(default = "default_insertion")]
     pub insertion_m: f32,
-    /// Length of the cutting line, m. Default that of the kind: 18 mm for scissors, 16 mm for a hook.
+    /// What about it cuts. Default as the kind has it; a grasper has none.
     #[serde(default)]
+    pub blade: Option<SceneBlade>,
+    /// The length of `blade` in metres, as scenes said it before `blade` was there; not both.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub blade_length_m: Option<f32>,
     /// Length of the shaft, m. Default 0.33.
     #[serde(default = "default_shaft_length")]

@@ -5,8 +5,8 @@ use crate::format::*;
 use bevy_math::{DQuat, DVec3, Isometry3d, Quat, Vec3};
 use keyhole_tetmesh::{MaterialId, TetMesh};
 use keyhole_whiteboard::{
-    Attachment, Attachments, CutMethod, CutPattern, CutSettings, Hand, InstrumentKind, OrganMaterial, OrganMaterials, Port,
-    SceneRequirements,
+    Attachment, Attachments, CutMethod, CutPattern, CutSettings, CutTrigger, CuttingLine, Hand, InstrumentKind, OrganMaterial,
+    OrganMaterials, Port, SceneRequirements,
 };
 use std::path::Path;
 
@@ -130,6 +130,7 @@ impl SceneInstrumentKind {
             Self::Grasper => InstrumentKind::Grasper,
             Self::Scissors => InstrumentKind::Scissors,
             Self::Hook => InstrumentKind::Hook,
+            Self::Scalpel => InstrumentKind::Scalpel,
         }
     }
 
@@ -137,6 +138,35 @@ impl SceneInstrumentKind {
     #[must_use]
     pub fn cuts(self) -> bool {
         self != Self::Grasper
+    }
+
+    /// Whether it has jaws that close.
+    #[must_use]
+    pub fn closes(self) -> bool {
+        matches!(self, Self::Grasper | Self::Scissors)
+    }
+}
+
+impl SceneInstrument {
+    /// Length of the cutting line where the scene chose one, m.
+    #[must_use]
+    pub fn blade_length(&self) -> Option<f32> {
+        self.blade.and_then(|b| b.length_mm).map(|mm| mm / 1000.0).or(self.blade_length_m)
+    }
+
+    /// The cutting line, given that of the kind.
+    #[must_use]
+    pub fn cutting_line(&self, of_kind: CuttingLine) -> CuttingLine {
+        let blade = self.blade.unwrap_or_default();
+        CuttingLine {
+            line: self.blade_length().map_or(of_kind.line, |length| of_kind.line.with_reach(length)),
+            trigger: match blade.trigger {
+                None => of_kind.trigger,
+                Some(SceneTrigger::Pedal) => CutTrigger::Pedal,
+                Some(SceneTrigger::Closing) => CutTrigger::Closing,
+            },
+            kerf_m: blade.kerf_mm / 1000.0,
+        }
     }
 }
 
@@ -196,6 +226,25 @@ mod tests {
             prop_assert!(placement.apply(p).distance(rotation * p + move_by) < 1e-6);
             prop_assert!((placement.isometry() * p.as_vec3()).as_dvec3().distance(placement.apply(p)) < 1e-6);
         }
+    }
+
+    #[test]
+    fn a_blade_says_what_differs_from_its_kind() {
+        use keyhole_whiteboard::LineShape;
+        let of_kind = CuttingLine { line: LineShape::JawLine { length_m: 0.018 }, trigger: CutTrigger::Closing, kerf_m: 0.0 };
+        let line = |fields: &str| {
+            let text = format!("(version: 1, name: \"s\", organs: [], instruments: [(kind: Scissors, hand: Left, port: \"p\"{fields})])");
+            crate::parse(&text).map(|s| s.instruments[0].cutting_line(of_kind))
+        };
+        assert_eq!(line(""), Ok(of_kind));
+        assert_eq!(line(", blade: ()"), Ok(of_kind));
+        let longer = CuttingLine { line: LineShape::JawLine { length_m: 0.025 }, ..of_kind };
+        assert_eq!(line(", blade: (length_mm: 25)"), Ok(longer));
+        assert_eq!(line(", blade_length_m: 0.025"), Ok(longer));
+        assert_eq!(
+            line(", blade: (trigger: Pedal, kerf_mm: 0.5)"),
+            Ok(CuttingLine { trigger: CutTrigger::Pedal, kerf_m: 0.0005, ..of_kind })
+        );
     }
 
     #[test]

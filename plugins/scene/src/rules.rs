@@ -214,11 +214,7 @@ impl Rules {
             self.range(&format!("{path}.shaft_length_m"), tool.shaft_length_m, 0.05, 0.6, " m; instruments have about 0.33");
             self.range(&format!("{path}.shaft_radius_m"), tool.shaft_radius_m, 0.0005, 0.01, " m; 5 mm instruments have 0.0025");
             self.range(&format!("{path}.insertion_m"), tool.insertion_m, 0.01, 0.30, " m");
-            match tool.blade_length_m {
-                Some(_) if !tool.kind.cuts() => self.say(&format!("{path}.blade_length_m"), "a grasper has no blade: remove this field"),
-                Some(length) => self.range(&format!("{path}.blade_length_m"), length, 0.001, 0.2, " m"),
-                None => {}
-            }
+            self.blade(&path, tool);
         }
         if let Some(scope) = &scene.endoscope {
             self.in_port("endoscope", scene, &scope.port, &mut taken);
@@ -227,6 +223,34 @@ impl Rules {
             self.range("endoscope.yaw_deg", scope.yaw_deg, -STEEPEST_DEG, STEEPEST_DEG, " degrees");
             self.range("endoscope.pitch_deg", scope.pitch_deg, -STEEPEST_DEG, STEEPEST_DEG, " degrees");
             self.range("endoscope.insertion_m", scope.insertion_m, 0.01, 0.30, " m");
+        }
+    }
+
+    fn blade(&mut self, path: &str, tool: &SceneInstrument) {
+        let old = format!("{path}.blade_length_m");
+        for (given, path) in [(tool.blade.is_some(), format!("{path}.blade")), (tool.blade_length_m.is_some(), old.clone())] {
+            if given && !tool.kind.cuts() {
+                self.say(&path, "a grasper has no blade: remove this field");
+            }
+        }
+        if !tool.kind.cuts() {
+            return;
+        }
+        if let Some(length) = tool.blade_length_m {
+            self.range(&old, length, 0.001, 0.2, " m");
+        }
+        let Some(blade) = tool.blade else { return };
+        if let Some(length) = blade.length_mm {
+            self.range(&format!("{path}.blade.length_mm"), length, 1.0, 200.0, " mm");
+            if tool.blade_length_m.is_some() {
+                self.say(&old, "the length is given twice: keep `length_mm` in `blade` and remove this field");
+            }
+        }
+        self.range(&format!("{path}.blade.kerf_mm"), blade.kerf_mm, 0.0, 3.0, " mm; 0 is a cold blade");
+        if blade.trigger == Some(SceneTrigger::Closing) && !tool.kind.closes() {
+            let message =
+                format!("a {} has no jaws that could close: write Pedal or remove this field", format!("{:?}", tool.kind).to_lowercase());
+            self.say(&format!("{path}.blade.trigger"), message);
         }
     }
 
@@ -270,7 +294,7 @@ impl Rules {
                     && let (Some(port), Some(tool)) = (port, tool)
                 {
                     let far = port.position.distance(key.tip.into());
-                    let reach = tool.shaft_length_m + tool.blade_length_m.unwrap_or(0.0);
+                    let reach = tool.shaft_length_m + tool.blade_length().unwrap_or(0.0);
                     if far > reach {
                         let message =
                             format!("{far:.3} m from the port \"{}\", but the instrument reaches {reach:.3} m: bring it nearer", tool.port);

@@ -237,8 +237,10 @@ fn text(plan: &Plan, name: &str) -> String {
         (name: "optic", position: {scope_port}, inward: {scope_inward}),
     ],
     instruments: [
-        // The blade is longer than the organ is thick where it cuts: one sweep goes right through.
-        (kind: Hook, hand: Right, port: "right", insertion_m: {insertion:.4}, blade_length_m: {blade:.4}),
+        // kind: Grasper, Scissors, Hook or Scalpel. What about it cuts may be chosen: blade: (length_mm, trigger, kerf_mm). The trigger is
+        // Closing (scissors) or Pedal; kerf_mm is the thickness of tissue that the edge takes away, 0 to 3, where 0 is a cold blade.
+        // This blade is longer than the organ is thick where it cuts: one sweep goes right through.
+        (kind: Hook, hand: Right, port: "right", insertion_m: {insertion:.4}, blade: (length_mm: {blade:.1}, trigger: Pedal, kerf_mm: 0.0)),
         (kind: Grasper, hand: Left, port: "left", insertion_m: 0.06),
     ],
     endoscope: (port: "optic", direction_of_view_deg: 30.0, angle_of_view_deg: 70.0, insertion_m: 0.05),
@@ -280,7 +282,7 @@ fn text(plan: &Plan, name: &str) -> String {
         scope_port = point(scope_port),
         scope_inward = point((centre - scope_port).normalize()),
         insertion = plan.insertion_m,
-        blade = plan.blade_m,
+        blade = 1000.0 * plan.blade_m,
         rest = point(rest + DVec3::new(-0.015, 0.0, 0.015)),
         near = point(rest),
         centre = point(centre),

@@ -66,7 +66,7 @@ fn blade(scene: &Scene, key: usize) -> [bevy_math::DVec3; 2] {
     let hands = &scene.demonstration.as_ref().unwrap().hands;
     let keys = &hands.iter().find(|h| h.hand == SceneHand::Right).unwrap().keys;
     let tip = bevy_math::Vec3::from_array(keys[key].tip).as_dvec3();
-    [tip - (tip - port).normalize() * f64::from(tool.blade_length_m.unwrap()), tip]
+    [tip - (tip - port).normalize() * f64::from(tool.blade_length().unwrap()), tip]
 }
 
 /// What the starter promises, measured on the mesh: the swept sheet goes right through, the tumour is on one side of it with its margin, what

@@ -33,6 +33,8 @@ pub enum InstrumentKind {
     Scissors,
     /// A hook that cuts along its edge while it is active.
     Hook,
+    /// A pointed straight blade that cuts along its edge while it is active.
+    Scalpel,
 }
 
 /// An instrument. Written by the scene.
@@ -65,8 +67,67 @@ pub struct Jaws {
     pub angle_rad: f32,
 }
 
-/// The cutting line of an instrument.
+/// What about an instrument cuts: where its line is, when it cuts, and how much tissue it takes away. Written by the scene, or by
+/// instruments from the kind where the scene says nothing; an instrument without one never cuts.
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
+#[require(Blade)]
+pub struct CuttingLine {
+    /// Where the line is.
+    pub line: LineShape,
+    /// When it cuts.
+    pub trigger: CutTrigger,
+    /// Thickness of tissue that the edge takes away, m; 0 for a cold blade.
+    pub kerf_m: f32,
+}
+
+/// Where a cutting line is in the frame of its instrument.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LineShape {
+    /// An edge that stays where it is.
+    Edge {
+        /// End towards the tissue, m. On the shaft's axis: it is the point that a hand steers.
+        tip: Vec3,
+        /// The other end, m.
+        heel: Vec3,
+    },
+    /// Two blades that turn about X at the frame's origin: the line is where they meet, and runs from there to their tips as they close.
+    JawLine {
+        /// From the pivot to the tips, m.
+        length_m: f32,
+    },
+}
+
+impl LineShape {
+    /// From the frame's origin to the end towards the tissue, along the shaft's axis, m.
+    #[must_use]
+    pub fn reach_m(self) -> f32 {
+        match self {
+            Self::Edge { tip, .. } => -tip.z,
+            Self::JawLine { length_m } => length_m,
+        }
+    }
+
+    /// The same shape made longer or shorter, its thickness across the shaft kept; `length_m` is that of [`LineShape::reach_m`].
+    #[must_use]
+    pub fn with_reach(self, length_m: f32) -> Self {
+        match self {
+            Self::Edge { tip, heel } => Self::Edge { tip: tip.with_z(-length_m), heel },
+            Self::JawLine { .. } => Self::JawLine { length_m },
+        }
+    }
+}
+
+/// When a cutting line cuts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CutTrigger {
+    /// While the pedal is down.
+    Pedal,
+    /// While the jaws close.
+    Closing,
+}
+
+/// The cutting line as it is now. Written by instruments in each tick, from [`CuttingLine`].
+#[derive(Component, Clone, Copy, Debug, Default, PartialEq)]
 pub struct Blade {
     /// End towards the tissue, in the frame of the instrument, m.
     pub tip: Vec3,
@@ -74,6 +135,8 @@ pub struct Blade {
     pub heel: Vec3,
     /// Whether it cuts now.
     pub active: bool,
+    /// Thickness of tissue that the edge takes away, m; 0 for a cold blade. Default 0.
+    pub kerf_m: f32,
 }
 
 /// The endoscope: moved by mouse, in a port of its own.

@@ -15,7 +15,8 @@ pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
 pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
 pub use instrument::{
-    Blade, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, PartMesh, Port, ToolModel, ToolPart,
+    Blade, CutTrigger, CuttingLine, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, LineShape, PartMesh, Port,
+    ToolModel, ToolPart,
 };
 pub use organ::{Anatomy, FragmentDetached, FreedFrom, Organ, OrganMaterial, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
 pub use scene::{Gravity, SceneRequirements};
