@@ -140,7 +140,7 @@ fn bad_input_gives_status_2_and_leaves_nothing() {
         (&["-o", "out", "--mesh", "bad.vtu"], &["bad.vtu"]),
         (&["-o", "out", "--stroke", "zigzag"], &["zigzag", "u-turn"]),
         (&["-o", "full"], &["full", "not empty"]),
-        (&["-o", "out", "--seed", "-1"], &["--seed"]),
+        (&["-o", "out", "--seed", "one"], &["--seed"]),
         (&[], &["--output"]),
     ];
     for (args, expected) in cases {

@@ -119,6 +119,7 @@ mod tests {
         let path = Stage::of(&mesh, 1).path(Stroke::Straight, 0.05);
         let mut cut = BatchCut::new(mesh, CutSettings::default());
         let mut shapes = Shapes::default();
+        let mut compared = 0;
         for sample in path {
             let moved = cut.step(sample);
             shapes.forget(&cut, &moved);
@@ -128,7 +129,8 @@ mod tests {
             assert_eq!(along.min_dihedral_deg, quality.min_dihedral_deg);
             assert_eq!(along.p1_dihedral_deg, quality.p1_dihedral_deg);
             assert!((along.mean_edge_ratio - quality.mean_edge_ratio).abs() < 1e-12);
+            compared += 1;
         }
-        assert!(cut.finish().operations.created > 0);
+        assert!(compared > 10);
     }
 }

@@ -2,10 +2,12 @@
 //! measured and drawn.
 //!
 //! [`plan`] says what is cut, [`strokes`] where; [`run`] cuts one combination and takes its figures ([`measure`], [`stable_step`]);
-//! [`claims`] compares them with the paper; [`tables`], [`plots`], [`picture`] and [`page`] are what is left in the folder. Nothing here
+//! [`claims`] and [`thresholds`] compare them with the paper and with each other; [`tables`], [`plots`], [`picture`] and [`page`] are what is left in the folder. Nothing here
 //! knows the engine.
 
 pub mod claims;
+mod grid;
+mod markup;
 pub mod measure;
 pub mod page;
 pub mod picture;
@@ -16,6 +18,8 @@ pub mod stable_step;
 pub mod strokes;
 pub mod svg;
 pub mod tables;
+pub mod thresholds;
+mod verdicts;
 
 use plan::{METHODS, PATTERNS, Plan};
 use run::Run;
@@ -107,7 +111,7 @@ impl Study {
     }
 
     /// The paper's figure 4 on every mesh: the first stroke, minimal patterns, snapping as it is by default.
-    fn pictures(&self) -> Result<Vec<plots::Drawing>, StudyError> {
+    fn pictures(&self) -> Result<Vec<svg::Drawing>, StudyError> {
         let Some(&stroke) = self.plan.strokes.first() else { return Ok(Vec::new()) };
         let Some(&rate) = self.plan.rates.first() else { return Ok(Vec::new()) };
         let mut drawings = Vec::new();

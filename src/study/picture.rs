@@ -5,11 +5,9 @@
 
 use crate::study::StudyError;
 use crate::study::plan::{Combination, Plan, method_name};
-use crate::study::plots::Drawing;
-use crate::study::run::Watched;
 use crate::study::strokes::Stage;
-use crate::study::svg::{Canvas, Drawn, FONT, svg};
-use keyhole_cutting::BladeSample;
+use crate::study::svg::{Canvas, Drawing, Drawn, FONT, svg};
+use keyhole_cutting::{BatchCut, BladeSample};
 use keyhole_tetmesh::{Boundary, DVec3, NodeId};
 use plotters::prelude::*;
 use rustc_hash::FxHashMap;
@@ -18,6 +16,8 @@ use rustc_hash::FxHashMap;
 const PANEL: (u32, u32) = (1400, 1400);
 /// Height of a panel's title, pixels.
 const HEAD: u32 = 130;
+/// White around a panel, pixels.
+const MARGIN: f64 = 14.0;
 /// By how much each side is moved, as a part of the mean edge.
 const GAP: f64 = 0.3;
 /// What a node takes over of its neighbours' way, a ring.
@@ -58,20 +58,19 @@ impl Moment {
     /// Cuts up to a part of the path.
     #[must_use]
     pub fn of(plan: &Plan, combination: &Combination, progress: f64) -> Self {
-        let mut watched = Watched::new(plan, combination);
-        let stage = Stage::of(&watched.cut.mesh, plan.seed);
-        let mean_edge_m = watched.cut.mean_edge_m();
+        let mut cut = BatchCut::new(plan.meshes[combination.mesh].mesh.clone(), combination.settings());
+        let stage = Stage::of(&cut.mesh, plan.seed);
+        let mean_edge_m = cut.mean_edge_m();
         let path = stage.path(combination.stroke, combination.rate * mean_edge_m);
         let last = ((path.len() - 1) as f64 * progress).round() as usize;
         let (mut surface_points, mut trail) = (Vec::new(), Vec::new());
         for sample in &path[..=last] {
-            let moved = watched.cut.step(*sample);
-            watched.record(&moved);
-            surface_points = watched.cut.surface_points();
+            cut.step(*sample);
+            surface_points = cut.surface_points();
             let nearest = |a: &&DVec3, b: &&DVec3| a.distance(sample.heel).total_cmp(&b.distance(sample.heel));
             trail.extend(surface_points.iter().min_by(nearest).copied());
         }
-        let mesh = &watched.cut.mesh;
+        let mesh = &cut.mesh;
         let bounds = mesh.nodes().map(|n| mesh.rest(n)).fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[a, b], p| [a.min(p), b.max(p)]);
         let boundary = Boundary::of(mesh);
         let corners: Vec<[DVec3; 3]> = boundary.triangles.iter().map(|t| t.map(|n| mesh.rest(n))).collect();
@@ -81,7 +80,7 @@ impl Moment {
             blade: path[last],
             surface_points,
             trail,
-            lag_mm: watched.cut.lag_m() * 1e3,
+            lag_mm: cut.lag_m() * 1e3,
             mean_edge_m,
             box_m: bounds,
             stage,
@@ -158,10 +157,15 @@ impl Camera {
     }
 }
 
-/// The part of a convex polygon within the panel below its title (Sutherland and Hodgman 1974).
+/// Left and upper, right and lower edge of what is shown in a panel, pixels.
+fn window() -> [[f64; 2]; 2] {
+    [[MARGIN, f64::from(HEAD)], [f64::from(PANEL.0) - MARGIN, f64::from(PANEL.1) - MARGIN]]
+}
+
+/// The part of a convex polygon within the window (Sutherland and Hodgman 1974).
 fn clip(polygon: &[[f64; 2]]) -> Vec<[f64; 2]> {
-    let high = [f64::from(PANEL.0) - 1.0, f64::from(PANEL.1) - 1.0];
-    let sides = [(0, 0.0, 1.0), (0, high[0], -1.0), (1, f64::from(HEAD), 1.0), (1, high[1], -1.0)];
+    let [low, high] = window();
+    let sides = [(0, low[0], 1.0), (0, high[0], -1.0), (1, low[1], 1.0), (1, high[1], -1.0)];
     sides.iter().fold(polygon.to_vec(), |points, &(axis, at, sign)| {
         let inside = |p: &[f64; 2]| sign * (p[axis] - at);
         let mut kept = Vec::with_capacity(points.len() + 1);
@@ -239,6 +243,8 @@ fn draw_moment(panel: &Canvas, moment: &Moment) -> Drawn {
         panel.draw(&PathElement::new(outline, RGBColor(90, 60, 50).stroke_width(2)))?;
     }
     draw_blade(panel, moment, &camera)?;
+    let [low, high] = window().map(|p| (p[0] as i32, p[1] as i32));
+    panel.draw(&Rectangle::new([low, high], RGBColor(150, 150, 150).stroke_width(3)))?;
     let text = |size: u32| (FONT, size).into_font();
     panel.draw(&Text::new(moment.method, (40, 20), text(64)))?;
     panel.draw(&Text::new(
@@ -252,7 +258,7 @@ fn draw_moment(panel: &Canvas, moment: &Moment) -> Drawn {
 fn draw_blade(panel: &Canvas, moment: &Moment, camera: &Camera) -> Drawn {
     let blue = RGBColor(20, 60, 160);
     let trail: Vec<[f64; 2]> = moment.trail.iter().map(|p| camera.project(*p)).collect();
-    for p in trail.iter().filter(|p| p[1] > f64::from(HEAD) && p[1] < f64::from(PANEL.1) && p[0] > 0.0 && p[0] < f64::from(PANEL.0)) {
+    for p in trail.iter().filter(|p| !clip(&[**p]).is_empty()) {
         panel.draw(&Circle::new((p[0] as i32, p[1] as i32), 7, blue.filled()))?;
     }
     // Parts of the line between where it goes through the surface are inside in turn; the heel is outside.
@@ -285,7 +291,7 @@ mod tests {
 
     #[test]
     fn a_polygon_is_clipped_to_the_panel() {
-        let (w, h, top) = (f64::from(PANEL.0) - 1.0, f64::from(PANEL.1) - 1.0, f64::from(HEAD));
+        let [low, high] = window();
         let within = [[10.0, 500.0], [20.0, 500.0], [10.0, 520.0]];
         assert_eq!(clip(&within).len(), 3);
         assert!(clip(&[[-5.0, 500.0], [-1.0, 500.0], [-5.0, 520.0]]).is_empty());
@@ -295,7 +301,9 @@ mod tests {
         };
         // Far larger than the panel on all sides: what is left is the panel.
         let all = clip(&[[-1e4, -1e4], [1e5, -1e4], [-1e4, 1e5]]);
-        assert!((area(&all) - w * (h - top)).abs() < 1e-3 * w * h);
+        let whole = (high[0] - low[0]) * (high[1] - low[1]);
+        assert!((area(&all) - whole).abs() < 1e-9 * whole);
+        assert!(clip(&[[-5.0, 500.0]]).is_empty() && clip(&[[50.0, 500.0]]).len() == 1);
     }
 
     #[test]

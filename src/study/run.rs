@@ -1,6 +1,6 @@
 //! One cut with its figures as functions of its progress.
 
-use crate::study::measure::{Shapes, percentile};
+use crate::study::measure::{Along, Shapes, percentile};
 use crate::study::plan::{Combination, Plan};
 use crate::study::stable_step::{Elastic, Resonance};
 use crate::study::strokes::Stage;
@@ -78,6 +78,8 @@ pub struct Run {
     pub cut_core: usize,
     /// Parts that they were cut in.
     pub parts: usize,
+    /// At the end, of what was core at the start: hybrid releases it late, so that only there it can snap.
+    pub core: Option<Along>,
     /// Face-connected pieces at the end.
     pub fragments: usize,
     /// Largest lag of all moments, mm.
@@ -133,9 +135,9 @@ pub fn elastic() -> Elastic {
 }
 
 /// A cut in progress.
-pub(crate) struct Watched<'p> {
+struct Watched<'p> {
     plan: &'p Plan,
-    pub cut: BatchCut,
+    cut: BatchCut,
     shapes: Shapes,
     resonance: Resonance,
     tets_before: usize,
@@ -146,7 +148,7 @@ pub(crate) struct Watched<'p> {
 }
 
 impl<'p> Watched<'p> {
-    pub fn new(plan: &'p Plan, combination: &Combination) -> Self {
+    fn new(plan: &'p Plan, combination: &Combination) -> Self {
         let mesh = plan.meshes[combination.mesh].mesh.clone();
         Self {
             plan,
@@ -162,7 +164,7 @@ impl<'p> Watched<'p> {
     }
 
     /// Takes down what one sample did.
-    pub fn record(&mut self, moved: &Moved) {
+    fn record(&mut self, moved: &Moved) {
         self.operations += moved.operations;
         self.swept_m2 += moved.swept_m2;
         if !moved.delta.is_empty() {
@@ -218,6 +220,8 @@ impl<'p> Watched<'p> {
             }
         }
         let mesh = &self.cut.mesh;
+        let mut core = Shapes::along(&self.cut);
+        core.retain(|t| !was_hull[mesh.tet(*t).source as usize]);
         let mut parts = vec![0_usize; was_hull.len()];
         for (t, _) in mesh.iter() {
             parts[mesh.tet(t).source as usize] += 1;
@@ -233,6 +237,7 @@ impl<'p> Watched<'p> {
             cut_tets: cut.len(),
             cut_core: cut.iter().filter(|s| !was_hull[**s]).count(),
             parts: cut.iter().map(|s| parts[*s]).sum(),
+            core: self.shapes.of(&self.cut, &core),
             fragments: Components::of(mesh).len(),
             max_lag_mm: self.figures.iter().map(|f| f.lag_mm).fold(0.0, f64::max),
             fingerprint: fingerprint(mesh),

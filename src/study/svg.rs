@@ -1,4 +1,4 @@
-//! One drawing as the text of an SVG file.
+//! Drawings as the text of SVG files.
 
 use crate::study::StudyError;
 use plotters::coord::Shift;
@@ -9,6 +9,17 @@ pub type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 /// What the drawing library may say.
 pub type Drawn = Result<(), Box<dyn std::error::Error>>;
+
+/// A file of the study that is looked at.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Drawing {
+    /// Its name in the folder.
+    pub name: String,
+    /// What stands below it.
+    pub caption: String,
+    /// Its text.
+    pub svg: String,
+}
 
 /// Font of all text; the reader's own sans-serif is used.
 pub const FONT: &str = "sans-serif";
