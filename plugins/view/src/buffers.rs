@@ -90,8 +90,8 @@ fn inside_colour(colour: Vec3, rest: Vec3, depth_m: f32) -> Vec3 {
     // The border between bark and marrow waves with the lobes.
     let marrow = ((depth_m - 0.007 - 0.002 * lobes) / 0.005).clamp(0.0, 1.0);
     let marrow = marrow * marrow * (3.0 - 2.0 * marrow);
-    let bark = (1.08 + 0.06 * lobes) * colour.lerp(Vec3::new(0.75, 0.45, 0.36), 0.30 * (-depth_m / 0.002).exp() + 0.06);
-    bark.lerp((0.62 + 0.10 * lobes) * colour * Vec3::new(1.0, 0.85, 0.95), marrow)
+    let bark = (1.08 + 0.06 * lobes) * colour.lerp(Vec3::new(0.75, 0.45, 0.36), 0.10 * (-depth_m / 0.003).exp() + 0.06);
+    bark.lerp((0.74 + 0.10 * lobes) * colour * Vec3::new(1.0, 0.85, 1.05), marrow)
 }
 
 #[cfg(test)]
