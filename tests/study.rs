@@ -122,6 +122,28 @@ fn every_stroke_does_what_its_name_says() {
     }
 }
 
+/// A blade that moved by a twentieth of an edge a sample dipped into tissue between two points of its line before one of them was inside; what it
+/// crossed meanwhile was lost, and a bridge was left: one piece instead of two, and where it went on beyond an earlier cut half of the pieces.
+#[test]
+fn how_often_the_blade_is_sampled_does_not_decide_what_is_cut() {
+    let plan = Plan { moments: 1, ..Plan::new(vec![kidney()], vec![Stroke::Straight], 1) };
+    for stroke in [Stroke::Straight, Stroke::Cross] {
+        let cut = |rate: f64| {
+            let combination = Combination { mesh: 0, stroke, method: CutMethod::Progressive, pattern: PATTERNS[0], snap: 0.0, rate };
+            let done = run(&plan, &combination);
+            (done.fragments, done.end().opened_mm2)
+        };
+        let (pieces, opened) = cut(0.25);
+        for rate in [0.5, 0.1, 0.05, 0.02] {
+            let (other, area) = cut(rate);
+            assert!(
+                other == pieces && (area / opened - 1.0).abs() < 1e-6,
+                "{stroke:?}, {rate}: {other} pieces, {area} mm2, not {pieces}, {opened}"
+            );
+        }
+    }
+}
+
 #[test]
 fn bad_input_gives_status_2_and_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();

@@ -258,6 +258,48 @@ pub fn mean_lag(study: &Study, method: CutMethod, rate: f64) -> f64 {
     lags.iter().sum::<f64>() / lags.len().max(1) as f64
 }
 
+/// How through the cuts of one stroke through one mesh are.
+#[derive(Clone, Debug)]
+pub struct Through<'s> {
+    /// All of them.
+    pub runs: Vec<&'s Run>,
+}
+
+impl<'s> Through<'s> {
+    /// Every number of pieces that was left, ascending. The stroke is the same for all: more than one number means that some cut left a bridge.
+    #[must_use]
+    pub fn pieces(&self) -> Vec<usize> {
+        let mut pieces: Vec<usize> = self.runs.iter().map(|r| r.fragments).collect();
+        pieces.sort_unstable();
+        pieces.dedup();
+        pieces
+    }
+
+    /// The runs that left fewer pieces than another.
+    #[must_use]
+    pub fn bridged(&self) -> Vec<&'s Run> {
+        let most = self.runs.iter().map(|r| r.fragments).max().unwrap_or_default();
+        self.runs.iter().copied().filter(|r| r.fragments < most).collect()
+    }
+
+    /// Least and greatest opened area / swept area at the end.
+    #[must_use]
+    pub fn opened(&self) -> [f64; 2] {
+        let parts = || self.runs.iter().map(|r| r.end()).filter(|f| f.swept_mm2 > 0.0).map(|f| f.opened_mm2 / f.swept_mm2);
+        [parts().fold(f64::INFINITY, f64::min), parts().fold(0.0, f64::max)]
+    }
+}
+
+/// Every mesh and stroke with all of its runs.
+#[must_use]
+pub fn through(study: &Study) -> Vec<Through<'_>> {
+    let of = |place: Combination| {
+        let same = |r: &&Run| r.combination.mesh == place.mesh && r.combination.stroke == place.stroke;
+        Through { runs: study.runs.iter().filter(same).collect() }
+    };
+    places(study).into_iter().map(of).collect()
+}
+
 /// The pair of mesh and stroke in which symmetric comes closest to the middle of the paper's growth.
 #[must_use]
 pub fn closest<'a, 's>(all: &'a [Growth<'s>]) -> Option<&'a Growth<'s>> {
@@ -297,6 +339,16 @@ mod tests {
             fingerprint: 0,
             latency: crate::study::run::Latency::default(),
         }
+    }
+
+    #[test]
+    fn a_cut_with_fewer_pieces_than_the_others_is_bridged() {
+        let whole = run(&[0.5]);
+        let bridged = Run { fragments: 2, ..run(&[0.5]) };
+        let all = Through { runs: vec![&whole, &bridged, &bridged] };
+        assert_eq!(all.pieces(), [1, 2]);
+        assert_eq!(all.bridged().len(), 1);
+        assert!(Through { runs: vec![&whole, &whole] }.bridged().is_empty());
     }
 
     #[test]

@@ -25,6 +25,8 @@ pub fn page(study: &Study, plots: &[Drawing], pictures: &[Drawing]) -> String {
         h2 { "The visible wound and the blade" }
         (verdicts::lag(study))
         @for d in pictures { (figure(d)) }
+        h2 { "Cut through" }
+        (verdicts::through(study))
         h2 { "Growth" }
         (verdicts::growth(study))
         h2 { "Operations" }

@@ -43,6 +43,40 @@ pub(crate) fn lag(study: &Study) -> Markup {
     }
 }
 
+/// Whether the cuts went through.
+pub(crate) fn through(study: &Study) -> Markup {
+    let all = claims::through(study);
+    let runs: usize = all.iter().map(|t| t.runs.len()).sum();
+    let bridged: usize = all.iter().map(|t| t.bridged().len()).sum();
+    let rows: Vec<Vec<Markup>> = all
+        .iter()
+        .map(|t| {
+            let [least, most] = t.opened();
+            let mut of: Vec<String> =
+                t.bridged().iter().map(|r| format!("{} pieces at rate {}", r.fragments, r.combination.rate)).collect();
+            of.sort();
+            of.dedup();
+            let pieces = t.pieces().iter().max().copied().unwrap_or_default();
+            vec![
+                cell(t.runs.first().map_or(String::new(), |r| claims::place(study, r))),
+                cell(t.runs.len()),
+                cell(pieces),
+                cell(t.bridged().len()),
+                cell(of.join(", ")),
+                cell(format!("{least:.3} to {most:.3}")),
+            ]
+        })
+        .collect();
+    html! {
+        p {
+            "Methods, patterns, snapping and rates differ, the stroke does not: all of its cuts should leave the same number of pieces. "
+            @if bridged == 0 { "They do, in all " (runs) " cuts." }
+            @else { (bridged) " of " (runs) " cuts left " b { "fewer pieces than another cut of the same stroke" } ": a bridge of tissue, where the opened area stays below the swept one." }
+        }
+        (table(&["mesh, stroke", "cuts", "pieces", "with fewer", "which", "opened / swept"], &rows))
+    }
+}
+
 /// How many times the elements.
 pub(crate) fn growth(study: &Study) -> Markup {
     let all = claims::growth(study);
