@@ -1,0 +1,143 @@
+//! Search: everything that one step of the sheet meets, walking over base tetrahedra from those it met last and from where it enters. The cost
+//! depends on what is met, not on the mesh.
+
+use crate::cutter::Cutter;
+use crate::sheet::{Aabb, Hit, Strip, contains, pierce};
+use crate::stroke::FaceWeights;
+use keyhole_tetmesh::{EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh};
+use rustc_hash::{FxHashMap, FxHashSet};
+
+/// What a step of the sheet meets.
+#[derive(Debug, Default)]
+pub(crate) struct Meeting {
+    /// Base tetrahedra that the present line is in.
+    pub occupied: Occupied,
+    /// Where the strip crosses edges, at most once each; `t` from the node with the smaller id.
+    pub hits: FxHashMap<EdgeKey, Hit>,
+    /// Where the present line pierces faces.
+    pub front: FxHashMap<FaceKey, FaceWeights>,
+    /// Where the paths of tip and heel pierce faces.
+    pub border: FxHashMap<FaceKey, FaceWeights>,
+    /// Area of the strip inside the tissue, m2.
+    pub area: f64,
+}
+
+/// Base tetrahedra that a line is in, and their nodes.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Occupied {
+    pub tets: FxHashSet<TetId>,
+    pub nodes: FxHashSet<NodeId>,
+}
+
+impl Occupied {
+    fn insert(&mut self, tet: TetId, corners: [NodeId; 4]) {
+        if self.tets.insert(tet) {
+            self.nodes.extend(corners);
+        }
+    }
+}
+
+impl Meeting {
+    /// Keeps the hits of an edge. An edge hit twice in one step dips through the sheet and comes back: both of its ends are on one side, and the
+    /// sheet may as well pass it by.
+    fn record(&mut self, edge: EdgeKey, hits: &[Hit]) {
+        if hits.len() % 2 == 1 {
+            self.hits.insert(edge, hits[0]);
+        }
+    }
+}
+
+/// Base tetrahedra to look at, each once.
+#[derive(Default)]
+struct Queue {
+    tets: Vec<TetId>,
+    seen: FxHashSet<TetId>,
+}
+
+impl Queue {
+    fn push(&mut self, tet: TetId) {
+        if self.seen.insert(tet) {
+            self.tets.push(tet);
+        }
+    }
+}
+
+impl Cutter {
+    /// Everything that a strip meets.
+    pub(crate) fn meet(&self, mesh: &TetMesh, strip: &Strip, seeds: &[TetId]) -> Meeting {
+        let topology = mesh.topology();
+        let mut meeting = Meeting::default();
+        let mut queue = Queue::default();
+        let mut tested: FxHashMap<EdgeKey, bool> = FxHashMap::default();
+        for &seed in seeds {
+            queue.push(self.base_of(seed));
+        }
+        let mut known: Vec<TetId> = self.stroke.occupied.tets.iter().copied().collect();
+        known.sort_unstable();
+        for tet in known {
+            queue.push(tet);
+        }
+        let (mut near, mut hits) = (Vec::new(), Vec::new());
+        let mut next = 0;
+        while let Some(&tet) = queue.tets.get(next) {
+            next += 1;
+            if !self.before.contains(topology, tet) {
+                continue;
+            }
+            let corners = self.before.corners(topology, tet);
+            let points = corners.map(|n| mesh.rest(n));
+            let bounds = Aabb::of(&points);
+            strip.near(&bounds, &mut near);
+            if near.is_empty() {
+                continue;
+            }
+            let mut meets = false;
+            for [i, j] in EDGES {
+                let edge = EdgeKey::new(corners[i], corners[j]);
+                meets |= *tested.entry(edge).or_insert_with(|| {
+                    let [a, b] = edge.nodes();
+                    hits.clear();
+                    strip.crossings(mesh.rest(a), mesh.rest(b), &near, &mut hits);
+                    meeting.record(edge, &hits);
+                    if !hits.is_empty() {
+                        for t in self.before.around_edge(topology, a, b) {
+                            queue.push(t);
+                        }
+                    }
+                    !hits.is_empty()
+                });
+            }
+            for face in 0..4 {
+                let key = self.before.face_key(topology, tet, face);
+                let triangle = key.nodes().map(|n| mesh.rest(n));
+                let box_of_face = Aabb::of(&triangle);
+                if !strip.segments(&near).any(|[p, q]| Aabb::of(&[p, q]).overlaps(&box_of_face) && pierce(triangle, p, q).is_some()) {
+                    continue;
+                }
+                meets = true;
+                for other in self.before.around_face(topology, key) {
+                    queue.push(other);
+                }
+                for pair in strip.now().windows(2) {
+                    if let Some(w) = pierce(triangle, pair[0], pair[1]) {
+                        meeting.front.insert(key, w);
+                        meeting.occupied.insert(tet, corners);
+                    }
+                }
+                for [p, q] in strip.ends() {
+                    if let Some(w) = pierce(triangle, p, q) {
+                        meeting.border.insert(key, w);
+                    }
+                }
+            }
+            if strip.now().iter().any(|p| Aabb::of(&[*p]).overlaps(&bounds) && contains(points, *p)) {
+                meeting.occupied.insert(tet, corners);
+                meets = true;
+            }
+            if meets {
+                meeting.area += strip.area_inside(points, &near);
+            }
+        }
+        meeting
+    }
+}
