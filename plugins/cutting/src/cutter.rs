@@ -2,7 +2,7 @@
 
 use crate::before::Before;
 use crate::grid::RestGrid;
-use crate::sheet::{Strip, contains};
+use crate::sheet::{Aabb, Strip, contains};
 use crate::stroke::{Placed, Stroke, starting_strip};
 use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh};
 use keyhole_whiteboard::CutSettings;
@@ -51,6 +51,8 @@ pub struct Cutter {
     pub(crate) spare: Vec<Vec<Placed>>,
     committed_area_m2: f64,
     mean_edge_m: f64,
+    longest_edge_m: f64,
+    landmarks: Vec<NodeId>,
     has_cut: bool,
 }
 
@@ -63,12 +65,14 @@ impl Cutter {
     #[must_use]
     pub fn new(mesh: &TetMesh) -> Self {
         let on_surface = (0..mesh.node_slots() as u32).map(|i| mesh.topology().is_boundary_node(NodeId(i))).collect();
-        let (mut sum, mut count) = (0.0, 0_u32);
+        let (mut sum, mut count, mut longest_edge_m) = (0.0, 0_u32, 0.0_f64);
         for (tet, _) in mesh.iter() {
             let p = mesh.points(tet);
             for [i, j] in EDGES {
-                sum += p[i].distance(p[j]);
+                let length = p[i].distance(p[j]);
+                sum += length;
                 count += 1;
+                longest_edge_m = longest_edge_m.max(length);
             }
         }
         let mean_edge_m = if count > 0 { sum / f64::from(count) } else { 0.0 };
@@ -88,6 +92,8 @@ impl Cutter {
             spare: Vec::new(),
             committed_area_m2: 0.0,
             mean_edge_m,
+            longest_edge_m,
+            landmarks: landmarks(mesh),
             has_cut: false,
         }
     }
@@ -96,6 +102,25 @@ impl Cutter {
     #[must_use]
     pub fn mean_edge_m(&self) -> f64 {
         self.mean_edge_m
+    }
+
+    /// The longest edge of the mesh as the cutter met it, m: no point of the tissue is further from a node.
+    pub(crate) fn longest_edge_m(&self) -> f64 {
+        self.longest_edge_m
+    }
+
+    /// A few nodes far apart from each other, from which searches begin; some may have left the mesh.
+    pub(crate) fn landmarks(&self) -> &[NodeId] {
+        &self.landmarks
+    }
+
+    /// Tetrahedra of the mesh near a point of the rest shape (m).
+    pub(crate) fn tets_near(&self, point: DVec3) -> impl Iterator<Item = TetId> + '_ {
+        self.grid.near(point).iter().flat_map(|base| {
+            let touched = self.before.place(*base).map(|p| &self.stroke.touched[p]);
+            let whole = touched.is_none().then_some(*base);
+            whole.into_iter().chain(touched.into_iter().flat_map(|t| t.children.iter().filter_map(|c| c.id)))
+        })
     }
 
     /// Uses other settings from the next stroke on; ignored while a stroke is in progress.
@@ -134,11 +159,16 @@ impl Cutter {
     pub fn tets_at(&self, mesh: &TetMesh, points: &[DVec3]) -> Vec<TetId> {
         let mut found: Vec<TetId> = points
             .iter()
-            .flat_map(|p| self.grid.near(*p).iter().copied().filter(|t| contains(self.before.corners(mesh.topology(), *t).map(|n| mesh.rest(n)), *p)))
+            .flat_map(|p| self.grid.near(*p).iter().copied().filter(|t| self.holds(mesh, *t, *p)))
             .collect();
         found.sort_unstable();
         found.dedup();
         found
+    }
+
+    fn holds(&self, mesh: &TetMesh, base: TetId, p: DVec3) -> bool {
+        let corners = self.before.corners(mesh.topology(), base).map(|n| mesh.rest(n));
+        Aabb::of(&corners).overlaps(&Aabb::of(&[p])) && contains(corners, p)
     }
 
     /// Whether a later step may still change this tetrahedron of the mesh.
@@ -350,4 +380,21 @@ impl Cutter {
             deferred: self.operations.deferred - before.deferred,
         }
     }
+}
+
+/// Up to 64 nodes, each as far as can be from those before it (Gonzalez 1985), so that from any place a walk to the nearest node is short.
+fn landmarks(mesh: &TetMesh) -> Vec<NodeId> {
+    let nodes: Vec<NodeId> = mesh.nodes().filter(|n| mesh.topology().is_boundary_node(*n)).collect();
+    let mut nearest = vec![f64::INFINITY; nodes.len()];
+    let mut chosen = Vec::new();
+    let mut next = 0;
+    while chosen.len() < nodes.len().min(64) {
+        chosen.push(nodes[next]);
+        let at = mesh.rest(nodes[next]);
+        for (d, n) in nearest.iter_mut().zip(&nodes) {
+            *d = d.min(mesh.rest(*n).distance_squared(at));
+        }
+        next = (0..nodes.len()).fold(0, |m, i| if nearest[i] > nearest[m] { i } else { m });
+    }
+    chosen
 }

@@ -7,6 +7,7 @@ pub mod cutter;
 pub mod fragment;
 mod grid;
 pub mod kernel;
+mod locate;
 pub mod material_map;
 mod meet;
 mod plugin;

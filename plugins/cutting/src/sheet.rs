@@ -5,6 +5,7 @@
 //! both triangles at a shared edge agree on. So an edge that the sheet crosses is crossed by exactly one triangle of it.
 
 use keyhole_tetmesh::DVec3;
+use smallvec::SmallVec;
 
 /// The smallest barycentric weight of a point on a face, and the smallest parameter of a crossing from its end: cut points slide along
 /// the edge that far rather than make a sliver. The same for all methods, so that they end in the same mesh.
@@ -190,11 +191,11 @@ fn on_plane(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> bool {
 
 /// Area of a triangle inside a positive tetrahedron, by clipping (Sutherland & Hodgman 1974).
 fn clipped_area(triangle: [DVec3; 3], tet: [DVec3; 4]) -> f64 {
-    let mut polygon: Vec<DVec3> = triangle.to_vec();
+    let mut polygon: SmallVec<[DVec3; 8]> = triangle.into_iter().collect();
     for [i, j, k] in keyhole_tetmesh::FACES {
         let n = (tet[j] - tet[i]).cross(tet[k] - tet[i]);
         let height = |p: DVec3| n.dot(p - tet[i]);
-        let mut kept = Vec::with_capacity(polygon.len() + 1);
+        let mut kept: SmallVec<[DVec3; 8]> = SmallVec::new();
         for (m, &p) in polygon.iter().enumerate() {
             let q = polygon[(m + 1) % polygon.len()];
             let (hp, hq) = (height(p), height(q));
