@@ -68,13 +68,17 @@ impl Before {
 
     /// The base tetrahedra around a node.
     pub fn around_node<'a>(&'a self, topology: &'a Topology, node: NodeId) -> impl Iterator<Item = TetId> + 'a {
-        let whole = topology.around_node(node).iter().copied().filter(|t| self.parent(*t).is_none());
+        topology.around_node(node).iter().copied().filter(|t| self.parent(*t).is_none()).chain(self.touched_around(node))
+    }
+
+    /// The touched base tetrahedra around a node.
+    pub fn touched_around(&self, node: NodeId) -> impl Iterator<Item = TetId> + '_ {
         let mut next = self.first.get(&node).copied().unwrap_or(NONE);
-        whole.chain(std::iter::from_fn(move || {
+        std::iter::from_fn(move || {
             let (tet, then) = *self.links.get(next as usize)?;
             next = then;
             Some(tet)
-        }))
+        })
     }
 
     /// The base tetrahedra around an edge.

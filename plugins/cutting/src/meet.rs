@@ -4,7 +4,7 @@
 use crate::cutter::Cutter;
 use crate::sheet::{Aabb, Hit, Strip, contains, pierce};
 use crate::stroke::FaceWeights;
-use keyhole_tetmesh::{EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh};
+use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh};
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// What a step of the sheet meets.
@@ -45,6 +45,39 @@ impl Meeting {
             self.hits.insert(edge, hits[0]);
         }
     }
+
+    /// Keeps where the border of the strip goes through a face. What of the strip goes through a face without crossing an edge of it ends there.
+    fn pierce(&mut self, strip: &Strip, key: FaceKey, face: [DVec3; 3], near: &[usize]) -> Option<Pierced> {
+        let bounds = Aabb::of(&face);
+        let through = |[p, q]: [DVec3; 2]| if Aabb::of(&[p, q]).overlaps(&bounds) { pierce(face, p, q) } else { None };
+        let (mut by_line, mut by_other) = (false, false);
+        for &triangle in near {
+            let (segment, is_now) = strip.rail(triangle);
+            let Some(w) = through(segment) else { continue };
+            if is_now {
+                self.front.insert(key, w);
+                by_line = true;
+            } else {
+                by_other = true;
+            }
+        }
+        for end in strip.ends() {
+            if let Some(w) = through(end) {
+                self.border.insert(key, w);
+                by_other = true;
+            }
+        }
+        if by_line { Some(Pierced::ByLine) } else { by_other.then_some(Pierced::ByOther) }
+    }
+}
+
+/// What of the border of a strip goes through a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pierced {
+    /// The present line.
+    ByLine,
+    /// The line before, or the paths of the ends.
+    ByOther,
 }
 
 /// Base tetrahedra to look at, each once.
@@ -69,6 +102,7 @@ impl Cutter {
         let mut meeting = Meeting::default();
         let mut queue = Queue::default();
         let mut tested: FxHashMap<EdgeKey, bool> = FxHashMap::default();
+        let mut pierced: FxHashMap<FaceKey, Option<Pierced>> = FxHashMap::default();
         for &seed in seeds {
             queue.push(self.base_of(seed));
         }
@@ -109,25 +143,18 @@ impl Cutter {
             }
             for face in 0..4 {
                 let key = self.before.face_key(topology, tet, face);
-                let triangle = key.nodes().map(|n| mesh.rest(n));
-                let box_of_face = Aabb::of(&triangle);
-                if !strip.segments(&near).any(|[p, q]| Aabb::of(&[p, q]).overlaps(&box_of_face) && pierce(triangle, p, q).is_some()) {
-                    continue;
-                }
-                meets = true;
-                for other in self.before.around_face(topology, key) {
-                    queue.push(other);
-                }
-                for pair in strip.now().windows(2) {
-                    if let Some(w) = pierce(triangle, pair[0], pair[1]) {
-                        meeting.front.insert(key, w);
-                        meeting.occupied.insert(tet, corners);
+                let pierced = pierced.entry(key).or_insert_with(|| {
+                    let pierced = meeting.pierce(strip, key, key.nodes().map(|n| mesh.rest(n)), &near);
+                    if pierced.is_some() {
+                        for other in self.before.around_face(topology, key) {
+                            queue.push(other);
+                        }
                     }
-                }
-                for [p, q] in strip.ends() {
-                    if let Some(w) = pierce(triangle, p, q) {
-                        meeting.border.insert(key, w);
-                    }
+                    pierced
+                });
+                meets |= pierced.is_some();
+                if *pierced == Some(Pierced::ByLine) {
+                    meeting.occupied.insert(tet, corners);
                 }
             }
             if strip.now().iter().any(|p| Aabb::of(&[*p]).overlaps(&bounds) && contains(points, *p)) {

@@ -56,7 +56,6 @@ impl Cutter {
 
     /// Brings the mesh up to what is released around the candidates (base tetrahedra, in any order) and in the faces given.
     pub(crate) fn refine(&mut self, mesh: &mut TetMesh, mut candidates: Vec<TetId>, faces: &[FaceKey]) {
-        candidates.extend_from_slice(&self.stroke.stale_labels);
         candidates.sort_unstable();
         candidates.dedup();
         candidates.retain(|t| self.before.contains(mesh.topology(), *t));

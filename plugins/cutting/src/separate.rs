@@ -7,7 +7,9 @@ use crate::cutter::Cutter;
 use crate::kernel::Vertex;
 use crate::stroke::SideNode;
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
+use rustc_hash::FxBuildHasher;
 use smallvec::{SmallVec, smallvec};
+use std::hash::BuildHasher;
 
 /// A child at a vertex.
 #[derive(Clone, Copy)]
@@ -33,8 +35,8 @@ struct Scratch {
     incident: Vec<Incident>,
     /// By incident child: another of its group, or itself.
     parent: Vec<usize>,
-    /// Faces at the vertex: their two other vertices, and whose they are.
-    faces: Vec<([Vertex; 2], u32)>,
+    /// Faces at the vertex: a hash that orders them fast, their two other vertices, and whose they are.
+    faces: Vec<(u64, [Vertex; 2], u32)>,
     groups: Vec<Group>,
 }
 
@@ -51,7 +53,7 @@ impl Cutter {
         let mut unused = Vec::new();
         let mut scratch = Scratch::default();
         for &vertex in vertices {
-            self.find_incident(mesh, vertex, &mut scratch.incident);
+            self.find_incident(vertex, &mut scratch.incident);
             self.find_groups(vertex, &mut scratch);
             let mut known: SmallVec<[SideNode; 2]> = self.stroke.sides.remove(&vertex).unwrap_or_default();
             if known.is_empty() {
@@ -77,17 +79,16 @@ impl Cutter {
     }
 
     /// The children at a vertex, in order of base tetrahedron.
-    fn find_incident(&self, mesh: &TetMesh, vertex: Vertex, incident: &mut Vec<Incident>) {
+    fn find_incident(&self, vertex: Vertex, incident: &mut Vec<Incident>) {
         incident.clear();
-        let topology = mesh.topology();
-        let mut bases: SmallVec<[TetId; 32]> = match vertex {
-            Vertex::Corner(n) => self.before.around_node(topology, n).collect(),
-            Vertex::Edge(e) => {
-                let [a, b] = e.nodes();
-                self.before.around_edge(topology, a, b).collect()
-            }
-            Vertex::Face(f) => self.before.around_face(topology, f).collect(),
+        let (first, others): (NodeId, SmallVec<[NodeId; 2]>) = match vertex {
+            Vertex::Corner(n) => (n, SmallVec::new()),
+            Vertex::Edge(e) => (e.nodes()[0], smallvec![e.nodes()[1]]),
+            Vertex::Face(f) => (f.nodes()[0], smallvec![f.nodes()[1], f.nodes()[2]]),
         };
+        let touched = self.before.touched_around(first);
+        let has_all = |t: &TetId| self.before.place(*t).is_some_and(|p| others.iter().all(|n| self.before.place_corners(p).contains(n)));
+        let mut bases: SmallVec<[TetId; 32]> = touched.filter(has_all).collect();
         bases.sort_unstable();
         for base in bases {
             let Some(place) = self.before.place(base) else { continue };
@@ -110,12 +111,14 @@ impl Cutter {
             let key = key(member);
             let mut others = key.into_iter().filter(|v| *v != vertex);
             if let (Some(a), Some(b), Some(c)) = (others.next(), others.next(), others.next()) {
-                faces.extend([(a, b), (a, c), (b, c)].map(|(a, b)| (if a < b { [a, b] } else { [b, a] }, i as u32)));
+                let [ha, hb, hc] = [a, b, c].map(|v| FxBuildHasher.hash_one(v));
+                let face = |a: Vertex, b: Vertex, hash: u64| (hash, if a < b { [a, b] } else { [b, a] }, i as u32);
+                faces.extend([face(a, b, ha.wrapping_add(hb)), face(a, c, ha.wrapping_add(hc)), face(b, c, hb.wrapping_add(hc))]);
             }
         }
         faces.sort_unstable();
         for pair in faces.windows(2) {
-            let [(face, i), (other, j)] = [pair[0], pair[1]].map(|(f, i)| (f, i as usize));
+            let [(face, i), (other, j)] = [pair[0], pair[1]].map(|(_, f, i)| (f, i as usize));
             if face == other && !self.stroke.is_marked(&[vertex, face[0], face[1]], [incident[i].label, incident[j].label]) {
                 let (a, b) = (root(parent, i), root(parent, j));
                 parent[a.max(b)] = a.min(b);

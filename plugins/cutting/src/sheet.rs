@@ -131,12 +131,11 @@ impl Strip {
         Some(Hit { t, side: sp })
     }
 
-    /// The segments of the given triangles: all of their edges, as pairs of points.
-    pub fn segments<'a>(&'a self, triangles: &'a [usize]) -> impl Iterator<Item = [DVec3; 2]> + 'a {
-        triangles.iter().flat_map(|&i| {
-            let [a, b, c] = self.corners(i);
-            [[a, b], [b, c], [c, a]]
-        })
+    /// The segment that a triangle has on one of the two lines, and whether it is the present one.
+    #[must_use]
+    pub fn rail(&self, triangle: usize) -> ([DVec3; 2], bool) {
+        let [i, j, k] = self.triangles[triangle];
+        if triangle.is_multiple_of(2) { ([self.points[i], self.points[j]], false) } else { ([self.points[k], self.points[j]], true) }
     }
 
     /// The paths of tip and heel in this step.
@@ -191,6 +190,19 @@ fn on_plane(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> bool {
 
 /// Area of a triangle inside a positive tetrahedron, by clipping (Sutherland & Hodgman 1974).
 fn clipped_area(triangle: [DVec3; 3], tet: [DVec3; 4]) -> f64 {
+    // Most triangles are wholly beyond one face or inside all four.
+    let mut crosses = false;
+    for [i, j, k] in keyhole_tetmesh::FACES {
+        let n = (tet[j] - tet[i]).cross(tet[k] - tet[i]);
+        let out = triangle.iter().filter(|p| n.dot(**p - tet[i]) > 0.0).count();
+        if out == 3 {
+            return 0.0;
+        }
+        crosses |= out > 0;
+    }
+    if !crosses {
+        return (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).length() / 2.0;
+    }
     let mut polygon: SmallVec<[DVec3; 8]> = triangle.into_iter().collect();
     for [i, j, k] in keyhole_tetmesh::FACES {
         let n = (tet[j] - tet[i]).cross(tet[k] - tet[i]);
