@@ -2,13 +2,14 @@
 //!
 //! The rooms under `plugins/` do not know each other; this crate knows them all. [`theatre`] reads what a scene needs from disk,
 //! [`spawn`] puts it on the whiteboard, [`mod@simulation`] assembles the plugins around it, [`perform`] lets a scene's demonstration run
-//! without a window and [`report`] says how it went. [`cli`] is the command line on top.
+//! without a window and [`report`] says how it went. [`study`] holds the experiments. [`cli`] is the command line on top.
 
 pub mod cli;
 pub mod perform;
 pub mod report;
 pub mod simulation;
 pub mod spawn;
+pub mod study;
 pub mod theatre;
 
 pub use simulation::{Output, Settings, simulation};

@@ -7,6 +7,7 @@ pub mod phantom;
 pub mod play;
 pub mod run;
 pub mod scene;
+pub mod study;
 
 pub use failure::Failure;
 
@@ -33,6 +34,8 @@ pub enum Command {
     Mesh(mesh::MeshArgs),
     /// Cut a mesh along a blade's recorded path.
     Cut(cut::CutArgs),
+    /// Conduct an experiment and write its tables, plots and page.
+    Study(study::StudyArgs),
     /// Check a scene or start a new one.
     Scene(scene::SceneArgs),
     /// Write a synthetic abdomen scan with its labels.
@@ -72,6 +75,7 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
         Some(Command::Run(args)) => run::run(args),
         Some(Command::Mesh(args)) => mesh::run(args),
         Some(Command::Cut(args)) => cut::run(&args),
+        Some(Command::Study(args)) => study::run(&args),
         Some(Command::Scene(args)) => scene::run(&args),
         Some(Command::Phantom(args)) => phantom::run(args),
     }

@@ -1,5 +1,6 @@
 //! Face-connected components of voxels by runs along x, the choice among them, and holes.
 
+use crate::disjoint_sets::DisjointSets;
 use crate::error::ImagingError;
 use crate::frame;
 use crate::volume::{LabelVolume, Part, VoxelBox};
@@ -249,7 +250,7 @@ fn connect(parts: &[Part], dims: [usize; 3], inside: impl Fn(Part) -> bool) -> R
         }
     }
     first.push(runs.len());
-    let mut parent: Vec<u32> = (0..runs.len() as u32).collect();
+    let mut sets = DisjointSets::new(runs.len());
     for row in 0..rows {
         for (other, there) in [(row.wrapping_sub(1), row % ny > 0), (row.wrapping_sub(ny), row >= ny)] {
             if !there {
@@ -258,7 +259,7 @@ fn connect(parts: &[Part], dims: [usize; 3], inside: impl Fn(Part) -> bool) -> R
             let (mut i, mut j) = (first[row], first[other]);
             while i < first[row + 1] && j < first[other + 1] {
                 if runs[i].start < runs[j].end && runs[j].start < runs[i].end {
-                    join(&mut parent, i as u32, j as u32);
+                    sets.join(i as u32, j as u32);
                 }
                 if runs[i].end < runs[j].end {
                     i += 1;
@@ -268,29 +269,6 @@ fn connect(parts: &[Part], dims: [usize; 3], inside: impl Fn(Part) -> bool) -> R
             }
         }
     }
-    let mut number = vec![u32::MAX; runs.len()];
-    let mut component = Vec::with_capacity(runs.len());
-    let mut count = 0;
-    for i in 0..runs.len() as u32 {
-        let root = root(&mut parent, i) as usize;
-        if number[root] == u32::MAX {
-            number[root] = count;
-            count += 1;
-        }
-        component.push(number[root]);
-    }
-    Runs { runs, component, count: count as usize }
-}
-
-fn root(parent: &mut [u32], mut i: u32) -> u32 {
-    while parent[i as usize] != i {
-        parent[i as usize] = parent[parent[i as usize] as usize];
-        i = parent[i as usize];
-    }
-    i
-}
-
-fn join(parent: &mut [u32], a: u32, b: u32) {
-    let (a, b) = (root(parent, a), root(parent, b));
-    parent[a.max(b) as usize] = a.min(b);
+    let (component, count) = sets.numbers();
+    Runs { runs, component, count }
 }

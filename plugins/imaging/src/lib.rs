@@ -8,6 +8,7 @@ pub mod dicom_file;
 pub mod dicom_seg;
 pub mod dicom_series;
 pub mod dicom_write;
+mod disjoint_sets;
 pub mod distance;
 pub mod drawn;
 pub mod error;

@@ -1,24 +1,25 @@
 //! Adjacency of plain tetrahedra and triangles: separate bodies, the boundary, and where it is pinched.
 
+use crate::disjoint_sets::DisjointSets;
 use glam::DVec3;
 use keyhole_tetmesh::FACES;
 use rustc_hash::FxHashMap;
 
 /// The face-connected body of each tetrahedron, numbered by first appearance, and their number.
 pub(crate) fn bodies(tets: &[[u32; 4]]) -> (Vec<u32>, usize) {
-    let mut parent: Vec<u32> = (0..tets.len() as u32).collect();
+    let mut sets = DisjointSets::new(tets.len());
     let mut faces: FxHashMap<[u32; 3], u32> = FxHashMap::default();
     for (i, t) in tets.iter().enumerate() {
         for f in FACES {
             match faces.entry(key(f.map(|c| t[c]))) {
-                std::collections::hash_map::Entry::Occupied(other) => join(&mut parent, *other.get(), i as u32),
+                std::collections::hash_map::Entry::Occupied(other) => sets.join(*other.get(), i as u32),
                 std::collections::hash_map::Entry::Vacant(free) => {
                     free.insert(i as u32);
                 }
             }
         }
     }
-    number(&mut parent)
+    sets.numbers()
 }
 
 /// The boundary triangles of positive tetrahedra, normals outward, in order of tetrahedron.
@@ -34,15 +35,15 @@ pub(crate) fn boundary(tets: &[[u32; 4]]) -> Vec<[u32; 3]> {
 
 /// The edge-connected component of each triangle, and their number.
 pub(crate) fn sheets(triangles: &[[u32; 3]]) -> (Vec<u32>, usize) {
-    let mut parent: Vec<u32> = (0..triangles.len() as u32).collect();
+    let mut sets = DisjointSets::new(triangles.len());
     let mut edges: FxHashMap<[u32; 2], u32> = FxHashMap::default();
     for (i, [a, b, c]) in triangles.iter().enumerate() {
         for (p, q) in [(a, b), (b, c), (c, a)] {
             let other = *edges.entry([*p.min(q), *p.max(q)]).or_insert(i as u32);
-            join(&mut parent, other, i as u32);
+            sets.join(other, i as u32);
         }
     }
-    number(&mut parent)
+    sets.numbers()
 }
 
 /// Nodes where the boundary is no 2-manifold, or that lie on the boundary of an enclosed void; ascending.
@@ -96,33 +97,4 @@ pub(crate) fn pinched(nodes: &[DVec3], tets: &[[u32; 4]]) -> Vec<u32> {
 fn key(mut f: [u32; 3]) -> [u32; 3] {
     f.sort_unstable();
     f
-}
-
-fn root(parent: &mut [u32], mut i: u32) -> u32 {
-    while parent[i as usize] != i {
-        parent[i as usize] = parent[parent[i as usize] as usize];
-        i = parent[i as usize];
-    }
-    i
-}
-
-fn join(parent: &mut [u32], a: u32, b: u32) {
-    let (a, b) = (root(parent, a), root(parent, b));
-    parent[a.max(b) as usize] = a.min(b);
-}
-
-fn number(parent: &mut [u32]) -> (Vec<u32>, usize) {
-    let mut names = vec![u32::MAX; parent.len()];
-    let mut count = 0;
-    let of = (0..parent.len() as u32)
-        .map(|i| {
-            let r = root(parent, i) as usize;
-            if names[r] == u32::MAX {
-                names[r] = count;
-                count += 1;
-            }
-            names[r]
-        })
-        .collect();
-    (of, count as usize)
 }

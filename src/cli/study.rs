@@ -1,0 +1,83 @@
+//! `keyhole study`: an experiment with its tables, its plots and one page that says what came of it.
+
+use crate::cli::Failure;
+use crate::report::folder::Folder;
+use crate::study::plan::{CELLS_MM, Plan, phantom_kidneys, read_mesh};
+use crate::study::strokes::Stroke;
+use crate::study::{Study, conduct};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::path::PathBuf;
+
+/// Arguments of `keyhole study`.
+#[derive(Debug, clap::Args)]
+pub struct StudyArgs {
+    /// Which experiment.
+    #[command(subcommand)]
+    pub experiment: Experiment,
+}
+
+/// The experiments.
+#[derive(Debug, clap::Subcommand)]
+pub enum Experiment {
+    /// The paper's evaluation of cutting: methods, patterns, snapping and sampling rates on the phantom's kidney and on meshes that are given.
+    Cut(CutStudyArgs),
+}
+
+/// Arguments of `keyhole study cut`.
+#[derive(Debug, clap::Args)]
+pub struct CutStudyArgs {
+    /// Folder for index.html, the tables and the plots; must not be there or be empty.
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// A VTU file of tetrahedra, metres, to cut beside the phantom's kidney. May be repeated.
+    #[arg(long = "mesh", value_name = "FILE")]
+    pub meshes: Vec<PathBuf>,
+    /// A stroke: straight, s, u-turn, loop, shallow, halfway or cross. May be repeated; straight and s without it.
+    #[arg(long = "stroke", value_name = "NAME")]
+    pub strokes: Vec<Stroke>,
+    /// Moves the strokes a little and starts the power iteration: the same seed gives the same numbers, but for the wall clock's.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// Conducts the experiment that was asked for.
+///
+/// # Errors
+/// Status 2 for a mesh or a folder that is not as it should be; status 1 when writing fails.
+pub fn run(args: &StudyArgs) -> Result<(), Failure> {
+    match &args.experiment {
+        Experiment::Cut(args) => cut(args),
+    }
+}
+
+fn cut(args: &CutStudyArgs) -> Result<(), Failure> {
+    let named = |e: std::io::Error| format!("{}: {e}", args.output.display());
+    let given = args.meshes.iter().map(|path| read_mesh(path)).collect::<Result<Vec<_>, _>>().map_err(Failure::input)?;
+    let folder = Folder::begin(&args.output).map_err(|e| Failure::input(named(e)))?;
+    let bar = ProgressBar::new_spinner();
+    bar.set_message("meshing the phantom");
+    bar.tick();
+    let mut meshes = phantom_kidneys(&CELLS_MM).map_err(Failure::job)?;
+    meshes.extend(given);
+    let mut strokes = Vec::new();
+    for stroke in &args.strokes {
+        if !strokes.contains(stroke) {
+            strokes.push(*stroke);
+        }
+    }
+    if strokes.is_empty() {
+        strokes = vec![Stroke::Straight, Stroke::S];
+    }
+    let plan = Plan::new(meshes, strokes, args.seed);
+    bar.set_length((plan.combinations().len() + plan.sweep_combinations().len()) as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} cuts {elapsed}, {eta} left") {
+        bar.set_style(style);
+    }
+    let study: Study = conduct(plan, || bar.inc(1));
+    study.write(folder.path()).map_err(Failure::job)?;
+    bar.finish_and_clear();
+    let out = folder.finish().map_err(|e| Failure::job(named(e)))?;
+    println!("{} cuts of {} meshes", study.runs.len() + study.sweep.len(), study.plan.meshes.len());
+    println!("{}", out.join("index.html").display());
+    Ok(())
+}
