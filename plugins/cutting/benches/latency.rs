@@ -79,8 +79,7 @@ fn run(cubes: [usize; 3], method: CutMethod) {
             let tissue = Tissue { positions: &positions, velocities: &velocities, dt_s: 1.0 / 60.0 };
             let (steps, left) = map.steps(&mesh, &cutter, tissue, line);
             for s in steps {
-                let seeds = cutter.tets_at(&mesh, &s.inside);
-                swept += cutter.advance(&mut mesh, &s.line, &seeds).swept_m2;
+                swept += cutter.advance(&mut mesh, &s).swept_m2;
             }
             if left {
                 cutter.end_stroke(&mut mesh);

@@ -171,8 +171,7 @@ impl BatchCut {
         let count = (length / (0.35 * self.cutter.mean_edge_m())).ceil().clamp(1.0, 255.0) as usize;
         let count = self.cutter.line_points().unwrap_or(count + 1);
         let line: Vec<DVec3> = (0..count).map(|i| tip.lerp(heel, i as f64 / (count - 1) as f64)).collect();
-        let seeds = self.cutter.tets_at(&self.mesh, &line);
-        add(done, self.cutter.advance(&mut self.mesh, &line, &seeds));
+        add(done, self.cutter.advance(&mut self.mesh, &line));
     }
 
     /// Stops the clock and takes down what the sample changed.

@@ -44,6 +44,8 @@ pub struct Cutter {
     pub(crate) before: Before,
     pub(crate) grid: RestGrid,
     pub(crate) on_surface: Vec<bool>,
+    /// By node: whether an earlier stroke has made it a node of its cut.
+    pub(crate) on_wound: Vec<bool>,
     pub(crate) stroke: Stroke,
     pub(crate) settings: CutSettings,
     pub(crate) operations: Operations,
@@ -64,7 +66,7 @@ impl Cutter {
     /// A cutter for a mesh as it is now. Looks at the whole mesh once.
     #[must_use]
     pub fn new(mesh: &TetMesh) -> Self {
-        let on_surface = (0..mesh.node_slots() as u32).map(|i| mesh.topology().is_boundary_node(NodeId(i))).collect();
+        let on_surface: Vec<bool> = (0..mesh.node_slots() as u32).map(|i| mesh.topology().is_boundary_node(NodeId(i))).collect();
         let (mut sum, mut count, mut longest_edge_m) = (0.0, 0_u32, 0.0_f64);
         for (tet, _) in mesh.iter() {
             let p = mesh.points(tet);
@@ -85,6 +87,7 @@ impl Cutter {
         Self {
             before,
             grid,
+            on_wound: vec![false; on_surface.len()],
             on_surface,
             stroke: Stroke::default(),
             settings: CutSettings::default(),
@@ -154,16 +157,10 @@ impl Cutter {
         self.before.parent(tet).unwrap_or(tet)
     }
 
-    /// The base tetrahedra that hold points of the rest shape (m), for a blade whose line is given there.
+    /// A base tetrahedron that holds a point of the rest shape (m).
     #[must_use]
-    pub fn tets_at(&self, mesh: &TetMesh, points: &[DVec3]) -> Vec<TetId> {
-        let mut found: Vec<TetId> = points
-            .iter()
-            .flat_map(|p| self.grid.near(*p).iter().copied().filter(|t| self.holds(mesh, *t, *p)))
-            .collect();
-        found.sort_unstable();
-        found.dedup();
-        found
+    pub fn tet_at(&self, mesh: &TetMesh, point: DVec3) -> Option<TetId> {
+        self.grid.near(point).iter().copied().find(|t| self.holds(mesh, *t, point))
     }
 
     fn holds(&self, mesh: &TetMesh, base: TetId, p: DVec3) -> bool {
@@ -242,11 +239,10 @@ impl Cutter {
         points
     }
 
-    /// One step of an active blade: its line now, in the rest shape (m, tip first, the same number of points at each step of a stroke),
-    /// and tetrahedra of the mesh that the line or its way here meets, at least one for each connected piece of tissue it meets.
+    /// One step of an active blade: its line now, in the rest shape (m, tip first, the same number of points at each step of a stroke).
     ///
     /// A step should move the line by less than a quarter of an edge. The changes are in the mesh's delta.
-    pub fn advance(&mut self, mesh: &mut TetMesh, line: &[DVec3], seeds: &[TetId]) -> StepReport {
+    pub fn advance(&mut self, mesh: &mut TetMesh, line: &[DVec3]) -> StepReport {
         self.before.grow(mesh.tet_slots());
         let line = self.generic(line);
         let counted = self.operations;
@@ -255,7 +251,7 @@ impl Cutter {
         if !starts && strip.is_still() {
             return StepReport::default();
         }
-        let mut meeting = self.meet(mesh, &strip, seeds);
+        let mut meeting = self.meet(mesh, &strip);
         if starts {
             meeting.border.extend(meeting.front.iter().map(|(f, w)| (*f, *w)));
         }
@@ -338,9 +334,11 @@ impl Cutter {
     /// Renews surface and hull marks along the cut.
     fn renew_hull(&mut self, mesh: &mut TetMesh) {
         self.on_surface.resize(mesh.node_slots(), false);
+        self.on_wound.resize(mesh.node_slots(), false);
         let mut changed: Vec<NodeId> = Vec::new();
         for node in self.stroke.sides.values().flatten().map(|s| s.node) {
             let now = mesh.topology().is_boundary_node(node);
+            self.on_wound[node.index()] = now;
             if now != std::mem::replace(&mut self.on_surface[node.index()], now) {
                 changed.push(node);
             }

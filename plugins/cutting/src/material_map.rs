@@ -81,15 +81,6 @@ struct Mapped {
     inside: bool,
 }
 
-/// One step for the cutter.
-#[derive(Clone, Debug)]
-pub struct RestStep {
-    /// The line in the rest shape, m, tip first.
-    pub line: Vec<DVec3>,
-    /// The points of it that are in tissue.
-    pub inside: Vec<DVec3>,
-}
-
 /// The memory of one blade in one organ.
 #[derive(Clone, Debug, Default)]
 pub struct MaterialMap {
@@ -115,9 +106,9 @@ impl MaterialMap {
         *self = Self::default();
     }
 
-    /// The steps that take the blade from where it was to `now`, through tissue as it is. The second value tells whether the blade has left the
+    /// The steps that take the blade from where it was to `now`, through tissue as it is: its line in the rest shape (m, tip first) at the end of each. The second value tells whether the blade has left the
     /// tissue at the end of them: the stroke is over.
-    pub fn steps(&mut self, mesh: &TetMesh, cutter: &Cutter, tissue: Tissue, now: WorldLine) -> (Vec<RestStep>, bool) {
+    pub fn steps(&mut self, mesh: &TetMesh, cutter: &Cutter, tissue: Tissue, now: WorldLine) -> (Vec<Vec<DVec3>>, bool) {
         let positions = tissue.positions;
         let edge = cutter.mean_edge_m();
         let deformed = Deformed { mesh, cutter, positions };
@@ -138,7 +129,7 @@ impl MaterialMap {
             }
         }
         let parts = (moved / (STEP * edge)).ceil().max(1.0);
-        let mut steps = Vec::new();
+        let mut steps: Vec<Vec<DVec3>> = Vec::new();
         let mut left = false;
         for k in 0..=parts as usize {
             let line = before.between(&now, k as f64 / parts);
@@ -156,26 +147,23 @@ impl MaterialMap {
                     let was = self.points.get(i).filter(|_| self.points.len() == count).map_or(h.world, |p| p.world);
                     h.rest + (anchor.to_rest * (was - h.world + anchor.moved(tissue))).clamp_length_max(edge)
                 });
-                steps.push(RestStep { line: entry.collect(), inside: here.iter().filter(|p| p.inside).map(|p| p.rest).collect() });
+                steps.push(entry.collect());
                 self.begun = true;
                 self.points = here;
             } else {
                 self.points = self.follow(mesh, cutter, positions, &world, &found);
             }
             let line: Vec<DVec3> = self.points.iter().map(|p| p.rest).collect();
-            let inside: Vec<DVec3> = self.points.iter().filter(|p| p.inside).map(|p| p.rest).collect();
             // Tissue that moves fast across the blade moves its image far.
-            let from = steps.last().map_or(&self.line, |s: &RestStep| &s.line).clone();
+            let from = steps.last().unwrap_or(&self.line).clone();
             let jump = line.iter().zip(&from).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
             let parts = (jump / (1.5 * STEP * edge)).ceil().clamp(1.0, 64.0) as usize;
             steps.extend((1..=parts).map(|i| {
                 let s = i as f64 / parts as f64;
-                let part =
-                    if from.len() == line.len() { from.iter().zip(&line).map(|(a, b)| a.lerp(*b, s)).collect() } else { line.clone() };
-                RestStep { line: part, inside: inside.clone() }
+                if from.len() == line.len() { from.iter().zip(&line).map(|(a, b)| a.lerp(*b, s)).collect() } else { line.clone() }
             }));
             self.line = line;
-            let out = |p: &Mapped| !p.inside && cutter.tets_at(mesh, &[p.rest]).is_empty();
+            let out = |p: &Mapped| !p.inside && cutter.tet_at(mesh, p.rest).is_none();
             left = self.points.iter().all(out);
             if left {
                 self.begun = false;
@@ -205,7 +193,7 @@ impl MaterialMap {
                 continue;
             };
             let out = anchor.map(positions, x, reach);
-            let in_a_cut = !cutter.tets_at(mesh, &[out]).is_empty();
+            let in_a_cut = cutter.tet_at(mesh, out).is_some();
             let rest = if in_a_cut { own.map_or(anchor.rest, |p| p.rest) } else { out };
             here.push(Mapped { world: x, rest, anchor: Some(anchor), inside: false });
         }

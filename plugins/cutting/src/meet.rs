@@ -97,20 +97,18 @@ impl Queue {
 
 impl Cutter {
     /// Everything that a strip meets.
-    pub(crate) fn meet(&self, mesh: &TetMesh, strip: &Strip, seeds: &[TetId]) -> Meeting {
+    pub(crate) fn meet(&self, mesh: &TetMesh, strip: &Strip) -> Meeting {
         let topology = mesh.topology();
         let mut meeting = Meeting::default();
         let mut queue = Queue::default();
         let mut tested: FxHashMap<EdgeKey, bool> = FxHashMap::default();
         let mut pierced: FxHashMap<FaceKey, Option<Pierced>> = FxHashMap::default();
-        for &seed in seeds {
-            queue.push(self.base_of(seed));
-        }
         let mut known: Vec<TetId> = self.stroke.occupied.tets.iter().copied().collect();
         known.sort_unstable();
         for tet in known {
             queue.push(tet);
         }
+        self.seed(mesh, strip, &mut queue);
         let (mut near, mut hits) = (Vec::new(), Vec::new());
         let mut next = 0;
         while let Some(&tet) = queue.tets.get(next) {
@@ -166,5 +164,24 @@ impl Cutter {
             }
         }
         meeting
+    }
+
+    /// Where a walk begins: the tetrahedra that hold the points of the present line, and all near the parts of the strip that are not in tissue
+    /// from end to end, for they may meet a corner of it between two points.
+    fn seed(&self, mesh: &TetMesh, strip: &Strip, queue: &mut Queue) {
+        let now = strip.now();
+        let mut inside_before = false;
+        for (j, point) in now.iter().enumerate() {
+            let holder = self.tet_at(mesh, *point);
+            if let Some(tet) = holder {
+                queue.push(tet);
+            }
+            if j > 0 && !(inside_before && holder.is_some()) {
+                for tet in self.grid.touching(&strip.quad(j - 1)) {
+                    queue.push(tet);
+                }
+            }
+            inside_before = holder.is_some();
+        }
     }
 }

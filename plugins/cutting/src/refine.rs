@@ -378,16 +378,35 @@ impl Cutter {
     /// Area that the stroke in progress has opened, m2: one side of the faces of the cut.
     pub(crate) fn stroke_area(&self, mesh: &TetMesh) -> f64 {
         let mut twice = 0.0;
-        for (child, id) in self.stroke.touched.iter().flat_map(|t| &t.children).filter_map(|c| c.id.map(|id| (c, id))) {
-            let on_sheet = child.key.map(|v| self.stroke.is_on_sheet(v));
-            for (face, [i, j, k]) in keyhole_tetmesh::FACES.into_iter().enumerate() {
-                if on_sheet[i] && on_sheet[j] && on_sheet[k] && mesh.topology().neighbour(id, face).is_none() {
-                    let [a, b, c] = [i, j, k].map(|n| mesh.rest(child.nodes[n]));
-                    twice += (b - a).cross(c - a).length() / 2.0;
+        for (touched, base) in self.stroke.touched.iter().zip(self.before.touched()) {
+            for (child, id) in touched.children.iter().filter_map(|c| c.id.map(|id| (c, id))) {
+                let on_sheet = child.key.map(|v| self.stroke.is_on_sheet(v));
+                for (face, corners) in keyhole_tetmesh::FACES.into_iter().enumerate() {
+                    if corners.iter().all(|&i| on_sheet[i])
+                        && mesh.topology().neighbour(id, face).is_none()
+                        && !self.was_boundary(mesh, *base, corners.map(|i| child.key[i]))
+                    {
+                        let [a, b, c] = corners.map(|i| mesh.rest(child.nodes[i]));
+                        twice += (b - a).cross(c - a).length() / 2.0;
+                    }
                 }
             }
         }
         twice / 2.0
+    }
+
+    /// Whether a face of a child is a part of a face of its base that had nothing beyond it.
+    fn was_boundary(&self, mesh: &TetMesh, base: TetId, face: [Vertex; 3]) -> bool {
+        let topology = mesh.topology();
+        (0..4).map(|f| self.before.face_key(topology, base, f)).any(|key| {
+            let nodes = key.nodes();
+            let on_it = |v: &Vertex| match v {
+                Vertex::Corner(n) => nodes.contains(n),
+                Vertex::Edge(e) => e.nodes().iter().all(|n| nodes.contains(n)),
+                Vertex::Face(f) => *f == key,
+            };
+            face.iter().all(on_it) && self.before.around_face(topology, key).count() == 1
+        })
     }
 }
 

@@ -81,6 +81,12 @@ impl Strip {
         &self.points[self.half..]
     }
 
+    /// The four corners of the strip between points `j` and `j + 1` of the line.
+    #[must_use]
+    pub fn quad(&self, j: usize) -> [DVec3; 4] {
+        [j, j + 1, self.half + j, self.half + j + 1].map(|i| self.points[i])
+    }
+
     /// Whether the line has not moved at all.
     #[must_use]
     pub fn is_still(&self) -> bool {

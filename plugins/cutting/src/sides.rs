@@ -15,6 +15,9 @@ use crate::stroke::{Crossing, CrossingState};
 use keyhole_tetmesh::{EdgeKey, NodeId, TetId, TetMesh};
 use rustc_hash::FxHashMap;
 
+/// The sheet goes through a node of an earlier cut that it passes within this part of the mesh's mean edge.
+const STICK: f64 = 0.1;
+
 /// A second crossing of an edge within this part of the edge's length is the same cut: the blade goes back and forth in it.
 const SAME_CUT: f64 = 0.25;
 
@@ -53,11 +56,14 @@ impl Cutter {
             let sides = &self.stroke.node_sides;
             (sides.get(&low).copied().unwrap_or(hit.side), sides.get(&high).copied().unwrap_or(-hit.side))
         };
+        if self.stick(mesh, edge, hit, affected) {
+            return;
+        }
         match (at_low == hit.side, at_high == -hit.side) {
             (true, true) | (false, false) => {
                 self.tell_side(mesh, low, at_low);
                 self.tell_side(mesh, high, at_high);
-                self.add_crossing(mesh, edge, Crossing::new(hit.t, at_low), affected);
+                self.add_crossing(mesh, edge, Crossing::new(hit.t, at_low, self.clearance(mesh, edge)), affected);
             }
             // One of the nodes is taken to be on the other side, and so both are on one.
             (false, true) => {
@@ -69,6 +75,50 @@ impl Cutter {
                 self.stroke.led_past.extend(first.then_some(high));
             }
         }
+    }
+
+    /// Lets the sheet go through a node of an earlier cut that it passes within [`STICK`] of, when nothing that is released stands against it. The node stays where
+    /// it is, so that a blade that comes back through a cut runs along it instead of cutting ever thinner slices.
+    fn stick(&mut self, mesh: &TetMesh, edge: EdgeKey, hit: Hit, affected: &mut Vec<TetId>) -> bool {
+        let [low, high] = edge.nodes();
+        if [low, high].iter().any(|n| self.stroke.on_sheet.contains_key(n)) {
+            return false;
+        }
+        let (node, side, part) = if hit.t <= 0.5 { (low, hit.side, hit.t) } else { (high, -hit.side, 1.0 - hit.t) };
+        if !self.on_wound.get(node.index()).copied().unwrap_or(false) || part * mesh.rest(low).distance(mesh.rest(high)) > STICK * self.mean_edge_m() {
+            return false;
+        }
+        let neighbours = self.neighbours(mesh, node);
+        if neighbours.iter().any(|n| self.stroke.released(EdgeKey::new(node, *n)).is_some()) {
+            return false;
+        }
+        let other = if node == low { high } else { low };
+        if !self.stroke.node_sides.contains_key(&other) {
+            self.tell_side(mesh, other, -side);
+        }
+        let side = self.stroke.node_sides.get(&node).copied().unwrap_or(side);
+        self.put_on_sheet(mesh, node, side, &neighbours, affected);
+        true
+    }
+
+    /// Lets the sheet go through a node: its crossings are dropped.
+    pub(crate) fn put_on_sheet(&mut self, mesh: &TetMesh, node: NodeId, side: i8, neighbours: &[NodeId], affected: &mut Vec<TetId>) {
+        self.stroke.on_sheet.insert(node, side);
+        for other in neighbours {
+            if let Some(c) = self.stroke.crossings.get_mut(&EdgeKey::new(node, *other)) {
+                c.state = CrossingState::Dropped;
+                c.settled = true;
+            }
+        }
+        let around = self.before.around_node(mesh.topology(), node);
+        self.stroke.stale_labels.extend(around);
+        affected.extend(self.before.around_node(mesh.topology(), node));
+    }
+
+    /// The smallest parameter of a crossing on an edge.
+    fn clearance(&self, mesh: &TetMesh, edge: EdgeKey) -> f64 {
+        let [a, b] = edge.nodes().map(|n| mesh.rest(n));
+        (0.5 * STICK * self.mean_edge_m() / a.distance(b)).clamp(CLEARANCE, 0.5)
     }
 
     fn add_crossing(&mut self, mesh: &TetMesh, edge: EdgeKey, mut crossing: Crossing, affected: &mut Vec<TetId>) {
@@ -111,7 +161,8 @@ impl Cutter {
                     continue;
                 }
                 self.tell_side(mesh, other, there);
-                let crossing = if edge.nodes()[0] == node { Crossing::new(CLEARANCE, side) } else { Crossing::new(1.0 - CLEARANCE, there) };
+                let clearance = self.clearance(mesh, edge);
+                let crossing = if edge.nodes()[0] == node { Crossing::new(0.0, side, clearance) } else { Crossing::new(1.0, there, clearance) };
                 self.add_crossing(mesh, edge, crossing, affected);
             }
         }

@@ -86,15 +86,8 @@ impl Cutter {
             self.grid.insert(tet, corners.map(|n| if n == node { place } else { mesh.rest(n) }));
         }
         mesh.move_node(node, place, smallvec![(node, 1.0 - part), (other, part)]);
-        self.stroke.on_sheet.insert(node, side);
-        for other in self.neighbours(mesh, node) {
-            if let Some(c) = self.stroke.crossings.get_mut(&EdgeKey::new(node, other)) {
-                c.state = CrossingState::Dropped;
-                c.settled = true;
-            }
-        }
-        self.stroke.stale_labels.extend(&around);
-        affected.extend(around);
+        let neighbours = self.neighbours(mesh, node);
+        self.put_on_sheet(mesh, node, side, &neighbours, affected);
     }
 
     /// The nodes that share an edge with a node, ascending.

@@ -3,7 +3,7 @@
 use crate::kernel::{Child, Vertex};
 use crate::meet::Occupied;
 use crate::release::FaceState;
-use crate::sheet::{CLEARANCE, Strip};
+use crate::sheet::Strip;
 use keyhole_tetmesh::{DVec3, EdgeKey, FaceKey, NodeId, Tet, TetId};
 use rustc_hash::{FxHashMap, FxHashSet};
 use smallvec::SmallVec;
@@ -194,9 +194,9 @@ impl Stroke {
 }
 
 impl Crossing {
-    /// A crossing at parameter `t` from the node with the smaller id, which is on side `side`.
-    pub fn new(t: f64, side: i8) -> Self {
-        Self { t: t.clamp(CLEARANCE, 1.0 - CLEARANCE), exact: t, side, state: CrossingState::Recorded, settled: false }
+    /// A crossing at parameter `t` from the node with the smaller id, which is on side `side`; kept `clearance` from the ends.
+    pub fn new(t: f64, side: i8, clearance: f64) -> Self {
+        Self { t: t.clamp(clearance, 1.0 - clearance), exact: t, side, state: CrossingState::Recorded, settled: false }
     }
 }
 

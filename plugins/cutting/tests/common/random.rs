@@ -187,8 +187,7 @@ pub fn run(case: &Case) -> usize {
                 let [tip, heel] = [last[0].lerp(place[0], s) * H, last[1].lerp(place[1], s) * H];
                 let count = cutter.line_points();
                 let points = count.map_or_else(|| line(tip, heel, H), |n| (0..n).map(|i| tip.lerp(heel, i as f64 / (n - 1) as f64)).collect());
-                let seeds = cutter.tets_at(&mesh, &points);
-                cutter.advance(&mut mesh, &points, &seeds);
+                cutter.advance(&mut mesh, &points);
                 samples += 1;
                 opened = check(&mut mesh, &cutter, &before, &mut observer, case, opened);
             }
