@@ -43,7 +43,9 @@ fn samples() -> Vec<Option<WorldLine>> {
 }
 
 fn main() {
-    println!("| tets | method | p50 / us | p99 / us | max / us | allocations a sample | bytes a tet: mesh | with cutter | opened / swept | volume |");
+    println!(
+        "| tets | method | p50 / us | p99 / us | max / us | allocations a sample | bytes a tet: mesh | with cutter | opened / swept | volume |"
+    );
     println!("|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|");
     for cubes in SIZES {
         for method in [CutMethod::Progressive, CutMethod::NonProgressive, CutMethod::Hybrid] {

@@ -218,7 +218,9 @@ impl Cutter {
             self.before.around_edge(mesh.topology(), a, b).any(|t| {
                 let c = self.before.corners(mesh.topology(), t);
                 let on_edge = |f: &usize| c[*f] != a && c[*f] != b;
-                (0..4).filter(on_edge).any(|f| self.before.around_face(mesh.topology(), self.before.face_key(mesh.topology(), t, f)).count() == 1)
+                (0..4)
+                    .filter(on_edge)
+                    .any(|f| self.before.around_face(mesh.topology(), self.before.face_key(mesh.topology(), t, f)).count() == 1)
             })
         };
         let mut edges: Vec<EdgeKey> = self.stroke.crossings.keys().copied().collect();
@@ -256,7 +258,8 @@ impl Cutter {
             meeting.border.extend(meeting.front.iter().map(|(f, w)| (*f, *w)));
         }
         // Faces that a line or its ends pierce or pierced, and tetrahedra that the line has entered or left.
-        let mut faces: Vec<FaceKey> = [&self.stroke.front, &meeting.front, &meeting.border].into_iter().flat_map(|f| f.keys().copied()).collect();
+        let mut faces: Vec<FaceKey> =
+            [&self.stroke.front, &meeting.front, &meeting.border].into_iter().flat_map(|f| f.keys().copied()).collect();
         faces.sort_unstable();
         faces.dedup();
         let (was, is) = (&self.stroke.occupied.tets, &meeting.occupied.tets);

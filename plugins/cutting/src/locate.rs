@@ -59,7 +59,10 @@ impl Deformed<'_> {
                 return None;
             }
             let star = self.mesh.topology().around_node(node);
-            star.iter().find_map(|t| self.inside(*t, x)).or_else(|| self.walk(*star.first()?, x)).or_else(|| self.by_grid(node, *star.first()?, x))
+            star.iter()
+                .find_map(|t| self.inside(*t, x))
+                .or_else(|| self.walk(*star.first()?, x))
+                .or_else(|| self.by_grid(node, *star.first()?, x))
         });
         hint.tet = anchor.map(|a| a.tet);
         hint.node = anchor.map(|a| a.nodes[0]).or(hint.node);
@@ -75,11 +78,13 @@ impl Deformed<'_> {
     /// A node that is nearer to `x` than all of its neighbours, from the better of a start and the nearest landmark.
     fn nearest_node(&self, x: DVec3, start: Option<NodeId>) -> Option<NodeId> {
         let measured = |n: NodeId| (self.at(n).distance_squared(x), n);
-        let starts = start.into_iter().chain(self.cutter.landmarks().iter().copied()).filter(|n| !self.mesh.topology().around_node(*n).is_empty());
+        let starts =
+            start.into_iter().chain(self.cutter.landmarks().iter().copied()).filter(|n| !self.mesh.topology().around_node(*n).is_empty());
         let mut best = starts.map(measured).filter(|m| m.0.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0))?;
         loop {
             let around = self.mesh.topology().around_node(best.1);
-            let next = around.iter().flat_map(|t| self.mesh.corners(*t)).map(measured).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let next =
+                around.iter().flat_map(|t| self.mesh.corners(*t)).map(measured).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             match next {
                 Some(next) if next.0 < best.0 => best = next,
                 _ => return Some(best.1),
@@ -104,7 +109,7 @@ impl Deformed<'_> {
 
     /// Looks where the rest shape has its tetrahedra around the place that `x` would have there if it moved with the tetrahedron `from`.
     fn by_grid(&self, node: NodeId, from: TetId, x: DVec3) -> Option<Anchor> {
-        let offset = self.to_rest(from)? * (x - self.at(node));
+        let offset = self.map_of(from)? * (x - self.at(node));
         self.cutter.tets_near(self.mesh.rest(node) + offset).find_map(|t| self.inside(t, x))
     }
 
@@ -120,7 +125,7 @@ impl Deformed<'_> {
         }
     }
 
-    fn to_rest(&self, tet: TetId) -> Option<DMat3> {
+    fn map_of(&self, tet: TetId) -> Option<DMat3> {
         let [a, b, c, d] = self.mesh.corners(tet).map(|n| self.at(n));
         let deformed = DMat3::from_cols(b - a, c - a, d - a);
         let [ra, rb, rc, rd] = self.mesh.points(tet);

@@ -272,9 +272,7 @@ impl Cutter {
                 w[j] = t;
                 Some(w)
             }
-            Vertex::Face(f) if f == face => {
-                changes.before(f).unwrap_or_else(|| self.stroke.face_points.get(&f).copied()).map(|(w, _)| w)
-            }
+            Vertex::Face(f) if f == face => changes.before(f).unwrap_or_else(|| self.stroke.face_points.get(&f).copied()).map(|(w, _)| w),
             Vertex::Face(_) => None,
         }
     }
@@ -304,8 +302,12 @@ impl Cutter {
     fn replan(&mut self, mesh: &mut TetMesh, plan: &Plan, keys: &[Child], doomed: &mut Vec<TetId>, vertices: &mut Vec<Vertex>) {
         let place = self.before.place(plan.base).unwrap_or_else(|| {
             let place = self.before.touch(mesh.topology(), plan.base);
-            let touched =
-                Touched { tet: mesh.tet(plan.base), faces: SmallVec::new(), edges: SmallVec::new(), children: self.spare.pop().unwrap_or_default() };
+            let touched = Touched {
+                tet: mesh.tet(plan.base),
+                faces: SmallVec::new(),
+                edges: SmallVec::new(),
+                children: self.spare.pop().unwrap_or_default(),
+            };
             self.stroke.touched.push(touched);
             mesh.retire_tet(plan.base);
             self.operations.deleted += 1;

@@ -94,7 +94,8 @@ impl Cutter {
         }
         let waiting: SmallVec<[usize; 3]> = (0..3).filter(|&i| self.stroke.is_waiting(edges[i])).collect();
         // A node on the sheet counts where the sheet goes on from it to the opposite edge.
-        let through: SmallVec<[usize; 3]> = (0..3).filter(|&i| self.stroke.on_sheet.contains_key(&nodes[i]) && released.contains(&i)).collect();
+        let through: SmallVec<[usize; 3]> =
+            (0..3).filter(|&i| self.stroke.on_sheet.contains_key(&nodes[i]) && released.contains(&i)).collect();
         let immediate = self.is_immediate(&nodes);
         match (released.as_slice(), through.as_slice()) {
             ([one], []) => {

@@ -148,7 +148,13 @@ impl Cutter {
     }
 
     /// A node for each group: the one its side had, or a double.
-    fn assign(&mut self, mesh: &mut TetMesh, vertex: Vertex, groups: &[Group], known: &mut SmallVec<[SideNode; 2]>) -> SmallVec<[SideNode; 2]> {
+    fn assign(
+        &mut self,
+        mesh: &mut TetMesh,
+        vertex: Vertex,
+        groups: &[Group],
+        known: &mut SmallVec<[SideNode; 2]>,
+    ) -> SmallVec<[SideNode; 2]> {
         let mut nodes: SmallVec<[Option<NodeId>; 4]> = smallvec![None; groups.len()];
         for (group, node) in groups.iter().zip(&mut nodes) {
             if let Some(i) = known.iter().position(|s| s.tags.iter().any(|t| group.tags.contains(t))) {

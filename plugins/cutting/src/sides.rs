@@ -85,7 +85,9 @@ impl Cutter {
             return false;
         }
         let (node, side, part) = if hit.t <= 0.5 { (low, hit.side, hit.t) } else { (high, -hit.side, 1.0 - hit.t) };
-        if !self.on_wound.get(node.index()).copied().unwrap_or(false) || part * mesh.rest(low).distance(mesh.rest(high)) > STICK * self.mean_edge_m() {
+        if !self.on_wound.get(node.index()).copied().unwrap_or(false)
+            || part * mesh.rest(low).distance(mesh.rest(high)) > STICK * self.mean_edge_m()
+        {
             return false;
         }
         let neighbours = self.neighbours(mesh, node);
@@ -146,8 +148,7 @@ impl Cutter {
         let mut pending = std::mem::take(&mut self.stroke.led_past);
         pending.sort_unstable();
         pending.dedup();
-        let (left, waiting): (Vec<NodeId>, Vec<NodeId>) =
-            pending.into_iter().partition(|n| !self.stroke.occupied.nodes.contains(n));
+        let (left, waiting): (Vec<NodeId>, Vec<NodeId>) = pending.into_iter().partition(|n| !self.stroke.occupied.nodes.contains(n));
         self.stroke.led_past = waiting;
         for node in left {
             let Some(side) = self.stroke.node_sides.get(&node).copied() else { continue };
@@ -162,7 +163,8 @@ impl Cutter {
                 }
                 self.tell_side(mesh, other, there);
                 let clearance = self.clearance(mesh, edge);
-                let crossing = if edge.nodes()[0] == node { Crossing::new(0.0, side, clearance) } else { Crossing::new(1.0, there, clearance) };
+                let crossing =
+                    if edge.nodes()[0] == node { Crossing::new(0.0, side, clearance) } else { Crossing::new(1.0, there, clearance) };
                 self.add_crossing(mesh, edge, crossing, affected);
             }
         }

@@ -72,9 +72,12 @@ impl Cutter {
             let then = corners.map(|n| if n == node { place } else { mesh.rest(n) });
             is_positive(then) && min_altitude(then) >= ALTITUDE_KEPT * min_altitude(now)
         });
-        let has_face_point = around
-            .iter()
-            .any(|&t| (0..4).any(|f| self.stroke.face_points.contains_key(&self.before.face_key(mesh.topology(), t, f)) && self.before.corners(mesh.topology(), t)[f] != node));
+        let has_face_point = around.iter().any(|&t| {
+            (0..4).any(|f| {
+                self.stroke.face_points.contains_key(&self.before.face_key(mesh.topology(), t, f))
+                    && self.before.corners(mesh.topology(), t)[f] != node
+            })
+        });
         if !allowed || has_face_point {
             return;
         }

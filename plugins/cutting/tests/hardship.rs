@@ -51,7 +51,13 @@ fn across(x: f64, z: f64, low: f64) -> [DVec3; 2] {
 }
 
 /// One blade through the mesh as `positions` has it, tick by tick. Returns the swept area, m2.
-fn play(mesh: &mut TetMesh, cutter: &mut Cutter, ticks: usize, blade: impl Fn(f64) -> WorldLine, shape: impl Fn(f64, DVec3) -> DVec3) -> f64 {
+fn play(
+    mesh: &mut TetMesh,
+    cutter: &mut Cutter,
+    ticks: usize,
+    blade: impl Fn(f64) -> WorldLine,
+    shape: impl Fn(f64, DVec3) -> DVec3,
+) -> f64 {
     let mut map = MaterialMap::default();
     let mut swept = 0.0;
     let dt = 1.0 / 60.0;
@@ -176,14 +182,6 @@ fn strokes_that_meet_an_earlier_cut_in_a_t_or_an_x_part_what_they_should() {
             lead(&mut cutter, &mut mesh, &[other(from), other(to)]);
             cutter.end_stroke(&mut mesh);
             let end = verdict(&mesh);
-            if end.fragments != pieces {
-                for (t, _) in mesh.iter() {
-                    let p = mesh.points(t).map(|p| p / H);
-                    let d = p.map(|p| p.x - (2.7 + 0.4 * (p.y + 0.5) / 5.0));
-                    let (lo, hi) = (d.iter().copied().fold(9.0, f64::min), d.iter().copied().fold(-9.0, f64::max));
-                    if lo < -0.06 && hi > 0.06 { println!("{t:?} {lo:.3} {hi:.3} {p:.3?}"); }
-                }
-            }
             assert_eq!(end.fragments, pieces, "{method:?} to {to}: {:?}", end.volumes);
         }
     }
@@ -200,7 +198,7 @@ fn tissue_that_deforms_strongly_is_cut_in_two() {
             let angle = 0.5 * swing * (p.x / SIZE.x - 0.5);
             let (sin, cos) = angle.sin_cos();
             let q = p - DVec3::new(0.0, SIZE.y / 2.0, SIZE.z / 2.0);
-            let turned = DVec3::new(q.x * (1.0 + 0.25 * swing), q.y * cos - q.z * sin, q.y * sin + q.z * cos);
+            let turned = DVec3::new(q.x * (1.0 + 0.08 * swing), q.y * cos - q.z * sin, q.y * sin + q.z * cos);
             turned + DVec3::new(0.0, SIZE.y / 2.0 + 0.8 * H * swing, SIZE.z / 2.0 + 0.15 * H * (7.0 * s).cos())
         };
         play(&mut mesh, &mut cutter, 120, |s| straight(SIZE.x * (-0.5 + 2.2 * s)), shape);
@@ -228,10 +226,10 @@ fn a_hundred_strokes_in_one_place() {
             }
             cutter.end_stroke(&mut mesh);
             mesh.take_delta();
-            if i % 10 == 9 { println!("{i}: {} {:?}", mesh.tet_count(), cutter.operations()); }
         }
         let end = verdict(&mesh);
-        println!("{method:?}, snap {snap}: {} tetrahedra became {} in 100 strokes", 135, mesh.tet_count());
+        println!("{method:?}, snap {snap}: 135 tetrahedra became {} in 100 strokes", mesh.tet_count());
+        assert!(mesh.tet_count() < 25_000, "a blade that comes back again and again must not slice ever thinner");
         assert!((end.volume - before.volume).abs() <= 1e-11 * before.volume);
         let grown = (end.boundary_area - before.boundary_area) / 2.0;
         assert!((grown - cutter.opened_m2(&mesh)).abs() <= 1e-9 * before.boundary_area, "{grown} {}", cutter.opened_m2(&mesh));

@@ -48,11 +48,3 @@ fn random_strokes_break_no_invariant() {
     println!("{done} samples of {seed} cases");
     assert!(failed.is_empty(), "seeds {failed:?} break an invariant; the messages are above");
 }
-
-#[test]
-fn debug_one() {
-    let Some(seed) = std::env::var("SEED").ok().and_then(|v| v.parse::<u64>().ok()) else { return };
-    let c = case(seed);
-    eprintln!("{c:#?}");
-    run(&c);
-}
