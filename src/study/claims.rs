@@ -18,6 +18,8 @@ pub const PAPER_AVOIDED: f64 = 0.8;
 pub struct Growth<'s> {
     /// Progressive, symmetric.
     pub symmetric: &'s Run,
+    /// Progressive, minimal.
+    pub minimal: &'s Run,
     /// Hybrid, minimal, snapping as by default.
     pub hybrid: &'s Run,
     /// Hybrid, minimal, without snapping.
@@ -60,6 +62,7 @@ pub fn growth(study: &Study) -> Vec<Growth<'_>> {
             let hybrid = CutMethod::Hybrid;
             Some(Growth {
                 symmetric: run(CutMethod::Progressive, PATTERNS[1], off)?,
+                minimal: run(CutMethod::Progressive, PATTERNS[0], off)?,
                 hybrid: run(hybrid, PATTERNS[0], on)?,
                 hybrid_unsnapped: run(hybrid, PATTERNS[0], off)?,
                 mixture: run(hybrid, PATTERNS[2], on)?,

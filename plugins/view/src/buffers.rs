@@ -1,5 +1,6 @@
 //! From a sheet and positions to the vertex buffers of a `Mesh`, in place.
 
+use crate::depth::Depths;
 use crate::sheet::{Sheet, Side};
 use bevy::asset::RenderAssetUsages;
 use bevy::mesh::{Indices, PrimitiveTopology, VertexAttributeValues};
@@ -17,9 +18,8 @@ pub fn empty_mesh() -> Mesh {
         .with_inserted_indices(Indices::U32(Vec::new()))
 }
 
-/// Writes positions and smooth normals. `positions` and `scratch` have one entry a node slot.
-pub fn write_shape(mesh: &mut Mesh, sheet: &Sheet, positions: &[Vec3], scratch: &mut Vec<Vec3>) {
-    node_normals(sheet, positions, scratch);
+/// Writes positions and normals, which have one entry a node slot; normals may have any length.
+pub fn write_shape(mesh: &mut Mesh, sheet: &Sheet, positions: &[Vec3], normals: &[Vec3]) {
     let count = sheet.vertices().len();
     if let Some(VertexAttributeValues::Float32x3(out)) = mesh.attribute_mut(Mesh::ATTRIBUTE_POSITION) {
         out.resize(count, [0.0; 3]);
@@ -30,13 +30,13 @@ pub fn write_shape(mesh: &mut Mesh, sheet: &Sheet, positions: &[Vec3], scratch: 
     if let Some(VertexAttributeValues::Float32x3(out)) = mesh.attribute_mut(Mesh::ATTRIBUTE_NORMAL) {
         out.resize(count, [0.0; 3]);
         for (out, vertex) in out.iter_mut().zip(sheet.vertices()) {
-            *out = scratch[vertex.node.index()].normalize_or(Vec3::Y).to_array();
+            *out = normals[vertex.node.index()].normalize_or(Vec3::Y).to_array();
         }
     }
 }
 
-/// Writes triangles and colours after the topology changed; [`write_shape`] must follow.
-pub fn write_topology(mesh: &mut Mesh, sheet: &Sheet, side: Side, organ: &TetMesh, materials: &OrganMaterials) {
+/// Writes triangles and colours after the topology changed; [`write_shape`] must follow. `depths` are those of the opened inside.
+pub fn write_topology(mesh: &mut Mesh, sheet: &Sheet, side: Side, organ: &TetMesh, materials: &OrganMaterials, depths: &Depths) {
     if let Some(Indices::U32(out)) = mesh.indices_mut() {
         out.clear();
         out.extend_from_slice(sheet.indices());
@@ -45,41 +45,53 @@ pub fn write_topology(mesh: &mut Mesh, sheet: &Sheet, side: Side, organ: &TetMes
         out.resize(sheet.vertices().len(), [0.0; 4]);
         for (slot, (out, vertex)) in out.iter_mut().zip(sheet.vertices()).enumerate() {
             if sheet.is_used(slot) {
-                let material = materials.get(vertex.material);
-                let [r, g, b] = match side {
-                    Side::Skin => material.surface,
-                    Side::Inside => material.inside,
+                let (material, rest) = (materials.get(vertex.material), organ.rest(vertex.node).as_vec3());
+                let colour = match side {
+                    Side::Skin => skin_colour(material.surface.into(), rest),
+                    Side::Inside => inside_colour(material.inside.into(), rest, depths.at(vertex.node)),
                 };
-                let [dark, pale] = mottle(organ.rest(vertex.node).as_vec3(), side);
-                *out = [dark * r + pale, dark * g + 0.7 * pale, dark * b + 0.6 * pale, 1.0];
+                *out = colour.extend(1.0).to_array();
             }
         }
     }
 }
 
-/// Sums of the adjacent faces' area vectors into `scratch` at the nodes of a sheet; the length of the sum weighs by area.
-fn node_normals(sheet: &Sheet, positions: &[Vec3], scratch: &mut Vec<Vec3>) {
-    scratch.resize(positions.len(), Vec3::ZERO);
+/// Normals at the nodes of a sheet: sums of the adjacent faces' area vectors, so that the larger face counts for more. `normals` has one
+/// entry a node slot; the others stay.
+pub fn node_normals(sheet: &Sheet, positions: &[Vec3], normals: &mut Vec<Vec3>) {
+    normals.resize(positions.len(), Vec3::ZERO);
     for vertex in sheet.vertices() {
-        scratch[vertex.node.index()] = Vec3::ZERO;
+        normals[vertex.node.index()] = Vec3::ZERO;
     }
     for face in sheet.indices().chunks_exact(3) {
         let nodes = [0, 1, 2].map(|k| sheet.vertices()[face[k] as usize].node.index());
         let [a, b, c] = nodes.map(|n| positions[n]);
         let area = (b - a).cross(c - a);
-        nodes.iter().for_each(|n| scratch[*n] += area);
+        nodes.iter().for_each(|n| normals[*n] += area);
     }
 }
 
-/// How tissue varies from place to place: a factor on its colour and a paleness added to it. Waves of 4 to 20 mm in the rest shape.
-fn mottle(rest: Vec3, side: Side) -> [f32; 2] {
-    let wave = |length_m: f32, along: Vec3, phase: f32| (rest.dot(along) * std::f32::consts::TAU / length_m + phase).sin();
-    let slow = wave(0.019, Vec3::new(0.8, 0.5, -0.3), 0.3) * wave(0.023, Vec3::new(-0.4, 0.7, 0.6), 1.1);
-    let fast = wave(0.0053, Vec3::new(0.3, -0.6, 0.7), 2.0) * wave(0.0041, Vec3::new(0.7, 0.2, 0.7), 0.7);
-    match side {
-        Side::Skin => [1.0 + 0.14 * slow + 0.07 * fast, 0.012 * (slow * fast).max(0.0)],
-        Side::Inside => [1.0 + 0.10 * slow + 0.16 * fast, 0.02 * fast.max(0.0)],
-    }
+/// A wave of that length (m) in the rest shape.
+fn wave(rest: Vec3, length_m: f32, along: Vec3, phase: f32) -> f32 {
+    (rest.dot(along) * std::f32::consts::TAU / length_m + phase).sin()
+}
+
+/// Skin varies a little from place to place, in waves of 4 to 20 mm.
+fn skin_colour(colour: Vec3, rest: Vec3) -> Vec3 {
+    let slow = wave(rest, 0.019, Vec3::new(0.8, 0.5, -0.3), 0.3) * wave(rest, 0.023, Vec3::new(-0.4, 0.7, 0.6), 1.1);
+    let fast = wave(rest, 0.0053, Vec3::new(0.3, -0.6, 0.7), 2.0) * wave(rest, 0.0041, Vec3::new(0.7, 0.2, 0.7), 0.7);
+    (1.0 + 0.14 * slow + 0.07 * fast) * colour + 0.012 * (slow * fast).max(0.0) * Vec3::new(1.0, 0.7, 0.6)
+}
+
+/// A section: pale where it meets the skin, dark in the depth, with lobes of 9 to 16 mm between: shorter ones the vertices could not show.
+fn inside_colour(colour: Vec3, rest: Vec3, depth_m: f32) -> Vec3 {
+    let lobes = wave(rest, 0.0125, Vec3::new(0.8, 0.5, -0.3), 0.3) * wave(rest, 0.0155, Vec3::new(-0.4, 0.7, 0.6), 1.1)
+        + 0.5 * wave(rest, 0.0093, Vec3::new(0.3, -0.6, 0.7), 2.0);
+    // The border between bark and marrow waves with the lobes.
+    let marrow = ((depth_m - 0.007 - 0.002 * lobes) / 0.005).clamp(0.0, 1.0);
+    let marrow = marrow * marrow * (3.0 - 2.0 * marrow);
+    let bark = (1.08 + 0.06 * lobes) * colour.lerp(Vec3::new(0.75, 0.45, 0.36), 0.10 * (-depth_m / 0.003).exp() + 0.06);
+    bark.lerp((0.74 + 0.10 * lobes) * colour * Vec3::new(1.0, 0.85, 1.05), marrow)
 }
 
 #[cfg(test)]

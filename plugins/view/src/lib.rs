@@ -2,12 +2,14 @@
 //! its optics), and pictures of both.
 //!
 //! Skin and opened inside are told apart face by face ([`outer`]), kept as triangle lists that follow topology deltas ([`sheet`]), and
-//! written in place into vertex buffers ([`buffers`]).
+//! written in place into vertex buffers ([`buffers`]), the inside a little smoother than it is ([`fairing`]).
 
 pub mod adapter;
 pub mod anatomy;
 pub mod buffers;
+pub mod depth;
 pub mod eyes;
+pub mod fairing;
 pub mod framing;
 pub mod layers;
 pub mod materials;
@@ -25,6 +27,7 @@ pub mod theatre;
 pub mod tools;
 
 pub use adapter::{AdapterError, adapter_available, display_available};
+pub use fairing::FairingSettings;
 pub use pictures::{PictureError, PictureErrors, PictureOf, PictureRequest, PictureRequests, PicturesPending, take_pictures};
 pub use plugin::ViewPlugin;
 pub use smoothing::MotionSettings;

@@ -32,12 +32,12 @@ impl FromWorld for TissueMaterials {
             clearcoat_perceptual_roughness: 0.16,
             ..default()
         });
-        // Parenchyma: matte, moist in places.
+        // Parenchyma: matte under a film of blood that glistens.
         let inside = materials.add(StandardMaterial {
-            perceptual_roughness: 0.75,
-            reflectance: 0.35,
-            clearcoat: 0.35,
-            clearcoat_perceptual_roughness: 0.38,
+            perceptual_roughness: 0.7,
+            reflectance: 0.4,
+            clearcoat: 0.7,
+            clearcoat_perceptual_roughness: 0.3,
             ..default()
         });
         Self { skin, inside }

@@ -1,6 +1,8 @@
 //! The organs as they are drawn: each follows its organ's topology and positions and owns two meshes, skin and opened inside.
 
-use crate::buffers::{empty_mesh, write_shape, write_topology};
+use crate::buffers::{empty_mesh, node_normals, write_shape, write_topology};
+use crate::depth::Depths;
+use crate::fairing::{Fairing, FairingSettings};
 use crate::layers;
 use crate::materials::TissueMaterials;
 use crate::outer::OuterPlanes;
@@ -17,6 +19,7 @@ struct OrganView {
     organ: Entity,
     planes: Arc<OuterPlanes>,
     surface: Surface,
+    fairing: Fairing,
     /// Positions one tick ago and now, m, one a node slot.
     before: Vec<Vec3>,
     now: Vec<Vec3>,
@@ -32,8 +35,9 @@ pub struct OrganViews {
     views: Vec<OrganView>,
     /// Planes for organs that are still to come: freed fragments.
     inherited: FxHashMap<Entity, Arc<OuterPlanes>>,
-    scratch: Vec<Vec3>,
+    normals: Vec<Vec3>,
     blend: Vec<Vec3>,
+    faired: Vec<Vec3>,
 }
 
 impl OrganViews {
@@ -75,6 +79,7 @@ pub fn adopt_organs(
             organ,
             planes,
             surface,
+            fairing: Fairing::default(),
             before: state.positions.clone(),
             now: state.positions.clone(),
             moving: false,
@@ -112,6 +117,13 @@ pub fn record_positions(mut views: ResMut<OrganViews>, states: Query<&TissueStat
     }
 }
 
+/// The key that shows the opened surface as the mesh has it.
+pub fn switch_fairing(keys: Res<ButtonInput<KeyCode>>, mut settings: ResMut<FairingSettings>) {
+    if keys.just_pressed(KeyCode::KeyB) {
+        settings.enabled = !settings.enabled;
+    }
+}
+
 /// Writes what has changed into the meshes.
 pub fn draw_organs(
     mut commands: Commands,
@@ -119,10 +131,12 @@ pub fn draw_organs(
     mut meshes: ResMut<Assets<Mesh>>,
     tissue_materials: Res<TissueMaterials>,
     smoothing: Smoothing,
+    fairing: Res<FairingSettings>,
     organs: Query<(&TissueMesh, &OrganMaterials)>,
 ) {
-    let OrganViews { views, scratch, blend, .. } = &mut *views;
+    let OrganViews { views, normals, blend, faired, .. } = &mut *views;
     for view in views {
+        view.stale_topology |= fairing.is_changed();
         if !view.stale_shape && !view.stale_topology {
             continue;
         }
@@ -162,13 +176,94 @@ pub fn draw_organs(
             });
             let Some(mut drawn) = meshes.get_mut(&*handle) else { continue };
             if view.stale_topology || fresh {
-                write_topology(&mut drawn, sheet, side, &mesh.0, materials);
+                let mut depths = Depths::default();
+                if side == Side::Inside {
+                    view.fairing = Fairing::of(sheet, view.surface.sheet(Side::Skin));
+                    depths = Depths::of(&view.fairing, |node| mesh.0.rest(node));
+                }
+                write_topology(&mut drawn, sheet, side, &mesh.0, materials, &depths);
                 commands.entity(*entity).insert(Visibility::Inherited);
             }
-            write_shape(&mut drawn, sheet, positions, scratch);
+            if side == Side::Skin || !fairing.enabled {
+                node_normals(sheet, positions, normals);
+                write_shape(&mut drawn, sheet, positions, normals);
+                continue;
+            }
+            view.fairing.show(positions, &fairing, faired);
+            node_normals(sheet, faired, normals);
+            view.fairing.soften(normals);
+            write_shape(&mut drawn, sheet, faired, normals);
         }
         view.stale_topology = false;
         // While it moves, the blend changes with every frame.
         view.stale_shape = view.moving;
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
+mod tests {
+    use super::*;
+    use crate::smoothing::MotionSettings;
+    use crate::testing::{block, parted};
+    use bevy::ecs::system::RunSystemOnce;
+    use bevy::math::DVec3;
+    use bevy::mesh::VertexAttributeValues;
+    use keyhole_whiteboard::OrganMaterial;
+
+    /// The places of the vertices of the mesh that is drawn for a side, by node.
+    fn drawn(world: &World, side: usize) -> FxHashMap<usize, Vec3> {
+        let view = &world.resource::<OrganViews>().views[0];
+        let (_, handle) = view.drawn[side].as_ref().unwrap();
+        let mesh = world.resource::<Assets<Mesh>>().get(handle).unwrap();
+        let Some(VertexAttributeValues::Float32x3(points)) = mesh.attribute(Mesh::ATTRIBUTE_POSITION) else { panic!("no positions") };
+        let sheet = view.surface.sheet([Side::Skin, Side::Inside][side]);
+        let used = (0..points.len()).filter(|slot| sheet.is_used(*slot));
+        used.map(|slot| (sheet.vertices()[slot].node.index(), Vec3::from_array(points[slot]))).collect()
+    }
+
+    /// A cut opens in an organ that moves: the skin is drawn where the tissue is, the inside joins it without a gap and is smoother than it is,
+    /// and the tissue knows nothing of it. The key takes it back.
+    #[test]
+    fn fairing_changes_what_is_drawn_of_the_inside_and_nothing_else() {
+        let edge = 0.005;
+        let mut mesh = block([6, 5, 4], edge);
+        let mut world = World::new();
+        world.init_resource::<Assets<Mesh>>();
+        world.init_resource::<Assets<StandardMaterial>>();
+        world.init_resource::<TissueMaterials>();
+        world.init_resource::<OrganViews>();
+        world.init_resource::<FairingSettings>();
+        world.init_resource::<Time<Fixed>>();
+        world.insert_resource(MotionSettings::Newest);
+        world.init_resource::<ButtonInput<KeyCode>>();
+        let state = |mesh: &keyhole_tetmesh::TetMesh| TissueState {
+            positions: mesh.rest_positions().iter().map(|p| 1.1 * p.as_vec3() + Vec3::Y).collect(),
+            velocities: vec![Vec3::ZERO; mesh.node_slots()],
+        };
+        let (organ, materials) = (Organ { name: "organ".into() }, OrganMaterials(vec![OrganMaterial::default()]));
+        let organ = world.spawn((organ, materials, state(&mesh), TissueMesh(mesh.clone()))).id();
+        world.run_system_once(adopt_organs).unwrap();
+        parted(&mut mesh, DVec3::new(3.0, 2.5, 2.0) * edge, DVec3::new(0.8, 0.5, 0.3).normalize());
+        let delta = mesh.take_delta();
+        let cut = state(&mesh);
+        world.entity_mut(organ).insert((TissueMesh(mesh), cut.clone()));
+        world.init_resource::<Messages<TopologyChanged>>();
+        world.write_message(TopologyChanged { organ, delta });
+        for system in [World::register_system(&mut world, follow_topology), World::register_system(&mut world, record_positions)] {
+            world.run_system(system).unwrap();
+        }
+        world.run_system_once(draw_organs).unwrap();
+        let moved =
+            |from: &FxHashMap<usize, Vec3>| from.iter().filter(|(n, p)| **p != cut.positions[**n]).map(|(n, _)| *n).collect::<Vec<_>>();
+        let (skin, inside) = (drawn(&world, 0), drawn(&world, 1));
+        assert!(moved(&skin).is_empty());
+        assert!(moved(&inside).len() > 10 && moved(&inside).iter().all(|n| !skin.contains_key(n)));
+        assert!(inside.keys().any(|n| skin.contains_key(n)), "they share a rim");
+        assert_eq!(*world.get::<TissueState>(organ).unwrap(), cut);
+        world.resource_mut::<ButtonInput<KeyCode>>().press(KeyCode::KeyB);
+        world.run_system_once(switch_fairing).unwrap();
+        world.run_system_once(draw_organs).unwrap();
+        assert!(moved(&drawn(&world, 1)).is_empty());
     }
 }

@@ -2,11 +2,12 @@
 
 use crate::anatomy::{AnatomyBounds, draw_anatomy};
 use crate::eyes::{aim_eyes, follow_mode, open_window_eye, smooth_edges, switch_view};
+use crate::fairing::FairingSettings;
 use crate::framing::{Framing, frame_scene};
 use crate::materials::TissueMaterials;
 use crate::optics::Lens;
 use crate::orbit::{OrbitSettings, OrbitState, claim_mouse, follow_framing, orbit};
-use crate::organs::{OrganViews, adopt_organs, draw_organs, follow_topology, inherit_planes, record_positions};
+use crate::organs::{OrganViews, adopt_organs, draw_organs, follow_topology, inherit_planes, record_positions, switch_fairing};
 use crate::pictures::{build_darkroom, develop};
 use crate::smoothing::MotionSettings;
 use crate::theatre::{furnish, light_scope, surround};
@@ -35,8 +36,9 @@ impl Default for ViewPlugin {
 }
 
 /// The keys of the view.
-const KEYS: [(&str, &str); 3] = [
+const KEYS: [(&str, &str); 4] = [
     ("V", "global or laparoscopic view"),
+    ("B", "cut surfaces smoothed, or bare as the mesh has them"),
     ("middle mouse button", "global view: turn the camera; with Shift: move it"),
     ("Ctrl + wheel", "global view: distance of the camera"),
 ];
@@ -50,6 +52,7 @@ impl Plugin for ViewPlugin {
             .init_resource::<ViewMode>()
             .init_resource::<PointerClaims>()
             .init_resource::<OrganViews>()
+            .init_resource::<FairingSettings>()
             .init_resource::<TissueMaterials>()
             .init_resource::<AnatomyBounds>()
             .init_resource::<Framing>()
@@ -65,7 +68,7 @@ impl Plugin for ViewPlugin {
                 Update,
                 (
                     (drop_orphans, draw_anatomy, draw_tools, draw_fittings).chain(),
-                    (draw_organs, frame_scene).chain(),
+                    (switch_fairing, draw_organs, frame_scene).chain(),
                     (switch_view, develop, follow_mode, smooth_edges).chain(),
                 ),
             )

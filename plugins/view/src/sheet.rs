@@ -36,6 +36,8 @@ pub struct Sheet {
     uses: Vec<u32>,
     free: Vec<u32>,
     slot_of: FxHashMap<Vertex, u32>,
+    /// How many corners of faces each node is, by node; nodes beyond the end are none.
+    node_uses: Vec<u32>,
 }
 
 impl Sheet {
@@ -55,6 +57,12 @@ impl Sheet {
     #[must_use]
     pub fn is_used(&self, slot: usize) -> bool {
         self.uses[slot] > 0
+    }
+
+    /// Whether a face has this node.
+    #[must_use]
+    pub fn has_node(&self, node: NodeId) -> bool {
+        self.node_uses.get(node.index()).is_some_and(|uses| *uses > 0)
     }
 
     fn push(&mut self, tet: TetId, face: usize, nodes: [NodeId; 3], material: MaterialId) -> u32 {
@@ -80,6 +88,10 @@ impl Sheet {
     }
 
     fn acquire(&mut self, vertex: Vertex) -> u32 {
+        if self.node_uses.len() <= vertex.node.index() {
+            self.node_uses.resize(vertex.node.index() + 1, 0);
+        }
+        self.node_uses[vertex.node.index()] += 1;
         if let Some(&slot) = self.slot_of.get(&vertex) {
             self.uses[slot as usize] += 1;
             return slot;
@@ -98,6 +110,7 @@ impl Sheet {
 
     fn release(&mut self, slot: u32) {
         self.uses[slot as usize] -= 1;
+        self.node_uses[self.vertices[slot as usize].node.index()] -= 1;
         if self.uses[slot as usize] == 0 {
             self.slot_of.remove(&self.vertices[slot as usize]);
             self.free.push(slot);
@@ -269,6 +282,9 @@ mod tests {
             let mut used = vec![0; sheet.vertices().len()];
             sheet.indices().iter().for_each(|i| used[*i as usize] += 1);
             assert_eq!(used, sheet.uses);
+            let mut corners = vec![0; sheet.node_uses.len()];
+            sheet.indices().iter().for_each(|i| corners[sheet.vertices()[*i as usize].node.index()] += 1);
+            assert_eq!(corners, sheet.node_uses);
             assert_eq!(sheet.slot_of.len(), used.iter().filter(|u| **u > 0).count());
         }
     }

@@ -1,7 +1,8 @@
 //! Meshes for the tests of this crate.
 
 use bevy::math::DVec3;
-use keyhole_tetmesh::TetMesh;
+use keyhole_tetmesh::{NodeId, TetMesh};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A block of cubes with five tetrahedra each, one octant at the origin, edges of `edge` m.
 pub(crate) fn block(cells: [usize; 3], edge: f64) -> TetMesh {
@@ -35,4 +36,23 @@ pub(crate) fn block(cells: [usize; 3], edge: f64) -> TetMesh {
         }
     }
     TetMesh::new(nodes, &tets, &[])
+}
+
+/// Parts a mesh along the faces nearest to a plane: each tetrahedron goes to the side that its middle is on. The surface that opens is as
+/// coarse as the mesh. Returns the nodes that were doubled, with their doubles on the side that `normal` points to.
+pub(crate) fn parted(mesh: &mut TetMesh, point: DVec3, normal: DVec3) -> Vec<(NodeId, NodeId)> {
+    let beyond = |mesh: &TetMesh, tet| (mesh.points(tet).iter().sum::<DVec3>() / 4.0 - point).dot(normal) > 0.0;
+    let all: Vec<_> = mesh.iter().collect();
+    let sides: BTreeMap<_, _> = all.iter().map(|(tet, _)| (*tet, beyond(mesh, *tet))).collect();
+    let here: BTreeSet<NodeId> = all.iter().filter(|(tet, _)| !sides[tet]).flat_map(|(_, corners)| *corners).collect();
+    let mut doubles = BTreeMap::new();
+    for (tet, corners) in all.into_iter().filter(|(tet, _)| sides[tet]) {
+        if corners.iter().any(|n| here.contains(n)) {
+            let attributes = mesh.tet(tet);
+            let corners = corners.map(|n| if here.contains(&n) { *doubles.entry(n).or_insert_with(|| mesh.split_node(n)) } else { n });
+            mesh.remove_tet(tet);
+            mesh.add_tet(corners, attributes);
+        }
+    }
+    doubles.into_iter().collect()
 }
