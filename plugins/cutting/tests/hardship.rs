@@ -1,7 +1,6 @@
 //! What a blade can do to a mesh that is not a plain stroke: a jump, exact positions, a stab, a retreat, a U-turn, T and X crossings, strong
 //! deformation, a hundred strokes in one place.
 
-#[expect(dead_code, reason = "each test file uses a part of it")]
 mod common;
 
 use common::{block, line, settings, step, verdict};

@@ -1,11 +1,13 @@
 //! Random meshes, strokes and degenerate positions, every invariant after every sample: a bounded run of what `fuzz/` runs for as long as
 //! one likes. `KEYHOLE_FUZZ_SAMPLES=1000000 cargo test --release -p keyhole-cutting --test random` runs a million samples.
 
-#[expect(dead_code, reason = "each test file uses a part of it")]
+#[path = "common/cases.rs"]
+mod cases;
+#[expect(dead_code, reason = "other tests use the rest of it")]
 mod common;
 
 use arbitrary::{Arbitrary, Unstructured};
-use common::random::{Case, run};
+use cases::{Case, run};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Samples that the test suite runs.

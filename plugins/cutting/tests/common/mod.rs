@@ -1,8 +1,6 @@
 //! Meshes, strokes and an oracle for the tests of cutting. The oracle looks at points and tetrahedra alone and shares no code with the
 //! kernel.
 
-pub mod random;
-
 use keyhole_cutting::Cutter;
 use keyhole_tetmesh::{DVec3, TetMesh};
 use keyhole_whiteboard::{CutMethod, CutPattern, CutSettings};

@@ -1,7 +1,7 @@
 //! Random cases for the kernel: a mesh, settings and strokes drawn from bytes, run with every invariant checked after every sample. The
 //! bounded run of the test suite, the long run and the fuzzer share this file.
 
-use super::{Verdict, block, line, verdict};
+use crate::common::{Verdict, block, line, verdict};
 use arbitrary::{Arbitrary, Result, Unstructured};
 use keyhole_cutting::Cutter;
 use keyhole_tetmesh::{DVec3, NodeEdit, NodeId, TetId, TetMesh, TopologyDelta};
