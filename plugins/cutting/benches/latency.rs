@@ -43,7 +43,9 @@ fn samples() -> Vec<Option<WorldLine>> {
 }
 
 fn main() {
-    println!("| tets | method | p50 / us | p99 / us | max / us | allocations a sample | bytes a tet: mesh | with cutter | opened / swept | volume |");
+    println!(
+        "| tets | method | p50 / us | p99 / us | max / us | allocations a sample | bytes a tet: mesh | with cutter | opened / swept | volume |"
+    );
     println!("|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|");
     for cubes in SIZES {
         for method in [CutMethod::Progressive, CutMethod::NonProgressive, CutMethod::Hybrid] {
@@ -79,8 +81,7 @@ fn run(cubes: [usize; 3], method: CutMethod) {
             let tissue = Tissue { positions: &positions, velocities: &velocities, dt_s: 1.0 / 60.0 };
             let (steps, left) = map.steps(&mesh, &cutter, tissue, line);
             for s in steps {
-                let seeds = cutter.tets_at(&mesh, &s.inside);
-                swept += cutter.advance(&mut mesh, &s.line, &seeds).swept_m2;
+                swept += cutter.advance(&mut mesh, &s).swept_m2;
             }
             if left {
                 cutter.end_stroke(&mut mesh);

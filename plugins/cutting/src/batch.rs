@@ -4,7 +4,6 @@
 
 use crate::blade::BladeSample;
 use crate::cutter::{Cutter, Operations, StepReport};
-use crate::sheet::Aabb;
 use keyhole_tetmesh::components::Components;
 use keyhole_tetmesh::quality::{Quality, of_tets};
 use keyhole_tetmesh::{DVec3, NodeEdit, TetId, TetMesh, TopologyDelta};
@@ -172,32 +171,7 @@ impl BatchCut {
         let count = (length / (0.35 * self.cutter.mean_edge_m())).ceil().clamp(1.0, 255.0) as usize;
         let count = self.cutter.line_points().unwrap_or(count + 1);
         let line: Vec<DVec3> = (0..count).map(|i| tip.lerp(heel, i as f64 / (count - 1) as f64)).collect();
-        let seeds = self.met(&line);
-        add(done, self.cutter.advance(&mut self.mesh, &line, &seeds));
-    }
-
-    /// The base tetrahedra whose boxes overlap what the line sweeps on its way here. Those that hold a point of the line would not do: where the blade
-    /// enters tissue, or goes on beyond an earlier cut, it dips into it between two points first, and what it crosses then would be lost.
-    fn met(&self, line: &[DVec3]) -> Vec<TetId> {
-        let before = if self.cutter.stroke.line.len() == line.len() { &self.cutter.stroke.line } else { line };
-        let mut met = Vec::new();
-        for (old, now) in before.windows(2).zip(line.windows(2)) {
-            let points = [old[0], old[1], now[0], now[1]];
-            let (low, high) = (points.into_iter().fold(points[0], DVec3::min), points.into_iter().fold(points[0], DVec3::max));
-            let swept = Aabb::of(&points);
-            // Smaller than a cell of the grid: its corners lie in every cell that it overlaps.
-            for corner in 0..8 {
-                let pick = |k: usize| if corner >> k & 1 == 0 { low[k] } else { high[k] };
-                for &tet in self.cutter.grid.near(DVec3::new(pick(0), pick(1), pick(2))) {
-                    if Aabb::of(&self.cutter.base.corners(tet).map(|n| self.mesh.rest(n))).overlaps(&swept) {
-                        met.push(tet);
-                    }
-                }
-            }
-        }
-        met.sort_unstable();
-        met.dedup();
-        met
+        add(done, self.cutter.advance(&mut self.mesh, &line));
     }
 
     /// Stops the clock and takes down what the sample changed.

@@ -1,11 +1,11 @@
 //! The cutter of one organ: takes the blade's line step by step, in the rest shape, and edits the mesh.
 
+use crate::before::Before;
 use crate::grid::RestGrid;
-use crate::sheet::{Aabb, Strip, contains, pierce};
-use crate::stroke::{Meeting, Stroke, starting_strip};
-use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh, Topology};
+use crate::sheet::{Aabb, Strip, contains};
+use crate::stroke::{Placed, Stroke, starting_strip};
+use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh};
 use keyhole_whiteboard::CutSettings;
-use rustc_hash::FxHashSet;
 
 /// Operations on tetrahedra, as the paper counts them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,19 +38,23 @@ pub struct StepReport {
     pub swept_m2: f64,
 }
 
-/// Cuts one organ. Its own memory beside the mesh: the topology as it was before the stroke in progress, and what the stroke knows.
+/// Cuts one organ.
 #[derive(Clone, Debug)]
 pub struct Cutter {
-    pub(crate) base: Topology,
+    pub(crate) before: Before,
     pub(crate) grid: RestGrid,
     pub(crate) on_surface: Vec<bool>,
+    /// By node: whether an earlier stroke has made it a node of its cut.
+    pub(crate) on_wound: Vec<bool>,
     pub(crate) stroke: Stroke,
     pub(crate) settings: CutSettings,
     pub(crate) operations: Operations,
-    /// Base tetrahedra of which a child's node was renamed in this step.
-    pub(crate) relabelled: std::collections::BTreeSet<TetId>,
+    /// Lists of children to use again.
+    pub(crate) spare: Vec<Vec<Placed>>,
     committed_area_m2: f64,
     mean_edge_m: f64,
+    longest_edge_m: f64,
+    landmarks: Vec<NodeId>,
     has_cut: bool,
 }
 
@@ -62,14 +66,15 @@ impl Cutter {
     /// A cutter for a mesh as it is now. Looks at the whole mesh once.
     #[must_use]
     pub fn new(mesh: &TetMesh) -> Self {
-        let base = mesh.topology().clone();
-        let on_surface = (0..mesh.node_slots() as u32).map(|i| base.is_boundary_node(NodeId(i))).collect();
-        let (mut sum, mut count) = (0.0, 0_u32);
+        let on_surface: Vec<bool> = (0..mesh.node_slots() as u32).map(|i| mesh.topology().is_boundary_node(NodeId(i))).collect();
+        let (mut sum, mut count, mut longest_edge_m) = (0.0, 0_u32, 0.0_f64);
         for (tet, _) in mesh.iter() {
             let p = mesh.points(tet);
             for [i, j] in EDGES {
-                sum += p[i].distance(p[j]);
+                let length = p[i].distance(p[j]);
+                sum += length;
                 count += 1;
+                longest_edge_m = longest_edge_m.max(length);
             }
         }
         let mean_edge_m = if count > 0 { sum / f64::from(count) } else { 0.0 };
@@ -77,16 +82,21 @@ impl Cutter {
         for (tet, _) in mesh.iter() {
             grid.insert(tet, mesh.points(tet));
         }
+        let mut before = Before::default();
+        before.grow(mesh.tet_slots());
         Self {
-            base,
+            before,
             grid,
+            on_wound: vec![false; on_surface.len()],
             on_surface,
             stroke: Stroke::default(),
             settings: CutSettings::default(),
             operations: Operations::default(),
-            relabelled: std::collections::BTreeSet::new(),
+            spare: Vec::new(),
             committed_area_m2: 0.0,
             mean_edge_m,
+            longest_edge_m,
+            landmarks: landmarks(mesh),
             has_cut: false,
         }
     }
@@ -95,6 +105,25 @@ impl Cutter {
     #[must_use]
     pub fn mean_edge_m(&self) -> f64 {
         self.mean_edge_m
+    }
+
+    /// The longest edge of the mesh as the cutter met it, m: no point of the tissue is further from a node.
+    pub(crate) fn longest_edge_m(&self) -> f64 {
+        self.longest_edge_m
+    }
+
+    /// A few nodes far apart from each other, from which searches begin; some may have left the mesh.
+    pub(crate) fn landmarks(&self) -> &[NodeId] {
+        &self.landmarks
+    }
+
+    /// Tetrahedra of the mesh near a point of the rest shape (m).
+    pub(crate) fn tets_near(&self, point: DVec3) -> impl Iterator<Item = TetId> + '_ {
+        self.grid.near(point).iter().flat_map(|base| {
+            let touched = self.before.place(*base).map(|p| &self.stroke.touched[p]);
+            let whole = touched.is_none().then_some(*base);
+            whole.into_iter().chain(touched.into_iter().flat_map(|t| t.children.iter().filter_map(|c| c.id)))
+        })
     }
 
     /// Uses other settings from the next stroke on; ignored while a stroke is in progress.
@@ -125,29 +154,29 @@ impl Cutter {
     /// The base tetrahedron that a tetrahedron of the mesh is a part of.
     #[must_use]
     pub fn base_of(&self, tet: TetId) -> TetId {
-        self.stroke.parent.get(&tet).copied().unwrap_or(tet)
+        self.before.parent(tet).unwrap_or(tet)
     }
 
-    /// The base tetrahedra that hold points of the rest shape (m), for a blade whose line is given there.
+    /// A base tetrahedron that holds a point of the rest shape (m).
     #[must_use]
-    pub fn tets_at(&self, mesh: &TetMesh, points: &[DVec3]) -> Vec<TetId> {
-        let mut found: Vec<TetId> = points
-            .iter()
-            .flat_map(|p| self.grid.near(*p).iter().copied().filter(|t| contains(self.base.corners(*t).map(|n| mesh.rest(n)), *p)))
-            .collect();
-        found.sort_unstable();
-        found.dedup();
-        found
+    pub fn tet_at(&self, mesh: &TetMesh, point: DVec3) -> Option<TetId> {
+        self.grid.near(point).iter().copied().find(|t| self.holds(mesh, *t, point))
+    }
+
+    fn holds(&self, mesh: &TetMesh, base: TetId, p: DVec3) -> bool {
+        let corners = self.before.corners(mesh.topology(), base).map(|n| mesh.rest(n));
+        Aabb::of(&corners).overlaps(&Aabb::of(&[p])) && contains(corners, p)
     }
 
     /// Whether a later step may still change this tetrahedron of the mesh.
     #[must_use]
     pub fn is_temporary(&self, tet: TetId) -> bool {
-        let Some(base) = self.stroke.parent.get(&tet) else { return false };
-        if self.stroke.occupied.contains(base) {
+        let Some(base) = self.before.parent(tet) else { return false };
+        if self.stroke.occupied.tets.contains(&base) {
             return true;
         }
-        let corners = self.base.corners(*base);
+        let Some(place) = self.before.place(base) else { return false };
+        let corners = self.before.place_corners(place);
         EDGES.iter().any(|&[i, j]| self.stroke.crossings.get(&EdgeKey::new(corners[i], corners[j])).is_some_and(|c| !c.settled))
     }
 
@@ -160,7 +189,7 @@ impl Cutter {
     /// The tetrahedra along the cut of the stroke in progress, ascending.
     #[must_use]
     pub fn children(&self) -> Vec<TetId> {
-        let mut ids: Vec<TetId> = self.stroke.parent.keys().copied().collect();
+        let mut ids: Vec<TetId> = self.stroke.touched.iter().flat_map(|t| &t.children).filter_map(|c| c.id).collect();
         ids.sort_unstable();
         ids
     }
@@ -172,7 +201,7 @@ impl Cutter {
         faces.sort_unstable();
         faces
             .into_iter()
-            .filter(|f| self.base.around_face(**f).count() == 1)
+            .filter(|f| self.before.around_face(mesh.topology(), **f).count() == 1)
             .map(|f| {
                 let w = self.stroke.front[f];
                 let [a, b, c] = f.nodes().map(|n| mesh.rest(n));
@@ -186,9 +215,12 @@ impl Cutter {
     pub fn wound_points(&self, mesh: &TetMesh) -> Vec<DVec3> {
         let surface_edge = |e: EdgeKey| {
             let [a, b] = e.nodes();
-            self.base.around_edge(a, b).any(|t| {
-                let c = self.base.corners(t);
-                (0..4).any(|f| c[f] != a && c[f] != b && self.base.neighbour(t, f).is_none())
+            self.before.around_edge(mesh.topology(), a, b).any(|t| {
+                let c = self.before.corners(mesh.topology(), t);
+                let on_edge = |f: &usize| c[*f] != a && c[*f] != b;
+                (0..4)
+                    .filter(on_edge)
+                    .any(|f| self.before.around_face(mesh.topology(), self.before.face_key(mesh.topology(), t, f)).count() == 1)
             })
         };
         let mut edges: Vec<EdgeKey> = self.stroke.crossings.keys().copied().collect();
@@ -203,43 +235,49 @@ impl Cutter {
         points.extend(
             faces
                 .into_iter()
-                .filter(|f| self.base.around_face(*f).count() == 1)
+                .filter(|f| self.before.around_face(mesh.topology(), *f).count() == 1)
                 .map(|f| self.vertex_rest(mesh, crate::kernel::Vertex::Face(f))),
         );
         points
     }
 
-    /// One step of an active blade: its line now, in the rest shape (m, tip first, the same number of points at each step of a stroke),
-    /// and tetrahedra of the mesh that the line or its way here meets, at least one for each connected piece of tissue it meets.
+    /// One step of an active blade: its line now, in the rest shape (m, tip first, the same number of points at each step of a stroke).
     ///
     /// A step should move the line by less than a quarter of an edge. The changes are in the mesh's delta.
-    pub fn advance(&mut self, mesh: &mut TetMesh, line: &[DVec3], seeds: &[TetId]) -> StepReport {
+    pub fn advance(&mut self, mesh: &mut TetMesh, line: &[DVec3]) -> StepReport {
+        self.before.grow(mesh.tet_slots());
         let line = self.generic(line);
-        let before = self.operations;
-        let strip = if self.stroke.line.len() == line.len() { Strip::between(&self.stroke.line, &line) } else { starting_strip(&line) };
+        let counted = self.operations;
         let starts = self.stroke.line.len() != line.len();
+        let strip = if starts { starting_strip(&line) } else { Strip::between(&self.stroke.line, &line) };
         if !starts && strip.is_still() {
             return StepReport::default();
         }
-        let mut meeting = self.meet(mesh, &strip, seeds);
+        let mut meeting = self.meet(mesh, &strip);
         if starts {
-            let start: Vec<_> = meeting.front.iter().map(|(f, w)| (*f, *w)).collect();
-            meeting.border.extend(start);
+            meeting.border.extend(meeting.front.iter().map(|(f, w)| (*f, *w)));
         }
-        let mut candidates: FxHashSet<TetId> = self.stroke.occupied.iter().chain(&meeting.tets).copied().collect();
+        // Faces that a line or its ends pierce or pierced, and tetrahedra that the line has entered or left.
+        let mut faces: Vec<FaceKey> =
+            [&self.stroke.front, &meeting.front, &meeting.border].into_iter().flat_map(|f| f.keys().copied()).collect();
+        faces.sort_unstable();
+        faces.dedup();
+        let (was, is) = (&self.stroke.occupied.tets, &meeting.occupied.tets);
+        let mut candidates: Vec<TetId> = was.symmetric_difference(is).copied().collect();
         self.record_hits(mesh, meeting.hits, &mut candidates);
         self.stroke.border.extend(meeting.border);
         self.stroke.front = meeting.front;
         self.stroke.occupied = meeting.occupied;
         self.stroke.line = line;
+        self.note_reach(mesh);
         self.lead_past_nodes(mesh, &mut candidates);
         self.settle_and_release(mesh, &mut candidates);
-        self.refine(mesh, candidates);
-        if self.stroke.occupied.is_empty() && !self.stroke.crossings.is_empty() && self.stroke.unsettled.is_empty() {
+        self.refine(mesh, candidates, &faces);
+        if self.stroke.occupied.tets.is_empty() && !self.stroke.crossings.is_empty() && self.stroke.unsettled.is_empty() {
             // The blade has left: children become base tetrahedra.
             self.commit(mesh);
         }
-        StepReport { operations: self.operations_since(before), swept_m2: meeting.area }
+        StepReport { operations: self.operations_since(counted), swept_m2: meeting.area }
     }
 
     /// Forgets where the blade was: the next step starts a stroke.
@@ -255,7 +293,6 @@ impl Cutter {
     /// Leaves out a tetrahedron that is about to be taken out of the mesh. No stroke may be in progress.
     pub(crate) fn forget(&mut self, mesh: &TetMesh, tet: TetId) {
         self.grid.remove(tet, mesh.points(tet));
-        self.base.remove(tet);
     }
 
     /// Ends the stroke: everything settles, children become base tetrahedra. The changes are in the mesh's delta.
@@ -268,155 +305,60 @@ impl Cutter {
 
     /// Settles and releases everything, then makes the children base tetrahedra.
     fn commit(&mut self, mesh: &mut TetMesh) {
-        let mut candidates: FxHashSet<TetId> = self.stroke.occupied.drain().collect();
-        candidates.extend(self.stroke.touched.keys().copied());
+        let mut candidates: Vec<TetId> = self.stroke.occupied.tets.drain().collect();
+        self.stroke.occupied.nodes.clear();
         // What the present line has reached is where the cut ends if it does not go on.
         let reached: Vec<_> = self.stroke.front.drain().collect();
+        let faces: Vec<FaceKey> = reached.iter().map(|(f, _)| *f).collect();
         self.stroke.border.extend(reached);
         self.lead_past_nodes(mesh, &mut candidates);
         self.settle_and_release(mesh, &mut candidates);
-        self.refine(mesh, candidates);
+        self.refine(mesh, candidates, &faces);
         self.committed_area_m2 += self.stroke_area(mesh);
 
-        let mut bases: Vec<TetId> = self.stroke.touched.keys().copied().collect();
-        bases.sort_unstable();
-        for base in &bases {
-            let points = self.base.corners(*base).map(|n| mesh.rest(n));
-            self.grid.remove(*base, points);
-            self.base.remove(*base);
-        }
-        let mut made = Vec::new();
-        for base in bases {
-            let Some(touched) = self.stroke.touched.remove(&base) else { continue };
-            for child in touched.children {
-                if let Some(id) = child.id {
-                    self.base.insert(id, child.nodes);
-                    self.grid.insert(id, mesh.points(id));
-                    made.push(id);
-                }
-            }
+        for &base in self.before.touched() {
+            let corners = self.before.corners(mesh.topology(), base);
+            self.grid.remove(base, corners.map(|n| mesh.rest(n)));
             mesh.release_tet(base);
         }
-        self.has_cut |= !made.is_empty();
-        self.renew_hull(mesh, &made);
-        let line = std::mem::take(&mut self.stroke.line);
-        self.stroke = Stroke { line, ..Stroke::default() };
+        self.has_cut |= !self.stroke.touched.is_empty();
+        self.renew_hull(mesh);
+        for mut touched in self.stroke.touched.drain(..) {
+            for id in touched.children.drain(..).filter_map(|c| c.id) {
+                self.before.disown(id);
+                self.grid.insert(id, mesh.points(id));
+            }
+            self.spare.push(touched.children);
+        }
+        self.before.forget();
+        self.stroke.clear();
     }
 
-    /// Renews surface and hull marks around tetrahedra that were made.
-    fn renew_hull(&mut self, mesh: &mut TetMesh, made: &[TetId]) {
+    /// Renews surface and hull marks along the cut.
+    fn renew_hull(&mut self, mesh: &mut TetMesh) {
         self.on_surface.resize(mesh.node_slots(), false);
-        let mut nodes: Vec<NodeId> = made.iter().flat_map(|t| self.base.corners(*t)).collect();
-        nodes.sort_unstable();
-        nodes.dedup();
-        let mut changed = Vec::new();
-        for node in nodes {
-            let now = self.base.is_boundary_node(node);
-            if now != self.on_surface[node.index()] {
-                self.on_surface[node.index()] = now;
+        self.on_wound.resize(mesh.node_slots(), false);
+        let mut changed: Vec<NodeId> = Vec::new();
+        for node in self.stroke.sides.values().flatten().map(|s| s.node) {
+            let now = mesh.topology().is_boundary_node(node);
+            self.on_wound[node.index()] = now;
+            if now != std::mem::replace(&mut self.on_surface[node.index()], now) {
                 changed.push(node);
             }
         }
-        for node in changed {
-            for &tet in self.base.around_node(node) {
-                let hull = self.base.corners(tet).iter().any(|n| self.on_surface[n.index()]);
-                mesh.set_hull(tet, hull);
-            }
+        let mut tets: Vec<TetId> = changed.iter().flat_map(|n| mesh.topology().around_node(*n)).copied().collect();
+        tets.extend(self.stroke.touched.iter().flat_map(|t| &t.children).filter_map(|c| c.id));
+        tets.sort_unstable();
+        tets.dedup();
+        for tet in tets {
+            let hull = mesh.corners(tet).iter().any(|n| self.on_surface[n.index()]);
+            mesh.set_hull(tet, hull);
         }
     }
 
     /// Whether a node lay on the surface when the stroke began.
     pub(crate) fn is_surface_node(&self, node: NodeId) -> bool {
         self.on_surface.get(node.index()).copied().unwrap_or(false)
-    }
-
-    /// Everything that a strip meets, walking from the seeds over base tetrahedra.
-    fn meet(&self, mesh: &TetMesh, strip: &Strip, seeds: &[TetId]) -> Meeting {
-        let mut meeting = Meeting::default();
-        let mut queue: Vec<TetId> = Vec::new();
-        let mut seen: FxHashSet<TetId> = FxHashSet::default();
-        let mut tested: FxHashSet<EdgeKey> = FxHashSet::default();
-        let push = |t: TetId, queue: &mut Vec<TetId>, seen: &mut FxHashSet<TetId>| {
-            if seen.insert(t) {
-                queue.push(t);
-            }
-        };
-        for &seed in seeds {
-            push(self.base_of(seed), &mut queue, &mut seen);
-        }
-        let mut known: Vec<TetId> = self.stroke.occupied.iter().copied().collect();
-        known.sort_unstable();
-        for tet in known {
-            push(tet, &mut queue, &mut seen);
-        }
-        let (mut near, mut hits) = (Vec::new(), Vec::new());
-        let mut next = 0;
-        while next < queue.len() {
-            let tet = queue[next];
-            next += 1;
-            if !self.base.contains(tet) {
-                continue;
-            }
-            let corners = self.base.corners(tet);
-            let points = corners.map(|n| mesh.rest(n));
-            let bounds = Aabb::of(&points);
-            strip.near(&bounds, &mut near);
-            if near.is_empty() {
-                continue;
-            }
-            let mut meets = false;
-            for [i, j] in EDGES {
-                let edge = EdgeKey::new(corners[i], corners[j]);
-                let crossed = if tested.insert(edge) {
-                    let [a, b] = edge.nodes();
-                    hits.clear();
-                    strip.crossings(mesh.rest(a), mesh.rest(b), &near, &mut hits);
-                    meeting.record(edge, &hits);
-                    if !hits.is_empty() {
-                        for t in self.base.around_edge(a, b) {
-                            push(t, &mut queue, &mut seen);
-                        }
-                    }
-                    !hits.is_empty()
-                } else {
-                    meeting.hits.contains_key(&edge)
-                };
-                meets |= crossed;
-            }
-            for face in 0..4 {
-                let key = self.base.face_key(tet, face);
-                let triangle = key.nodes().map(|n| mesh.rest(n));
-                let box_of_face = Aabb::of(&triangle);
-                let pierced =
-                    strip.segments(&near).any(|[p, q]| Aabb::of(&[p, q]).overlaps(&box_of_face) && pierce(triangle, p, q).is_some());
-                if pierced {
-                    meets = true;
-                    if let Some(other) = self.base.neighbour(tet, face) {
-                        push(other, &mut queue, &mut seen);
-                    }
-                    for pair in strip.now().windows(2) {
-                        if let Some(w) = pierce(triangle, pair[0], pair[1]) {
-                            meeting.front.insert(key, w);
-                            meeting.occupied.insert(tet);
-                        }
-                    }
-                    for [p, q] in strip.ends() {
-                        if let Some(w) = pierce(triangle, p, q) {
-                            meeting.border.insert(key, w);
-                        }
-                    }
-                }
-            }
-            if strip.now().iter().any(|p| Aabb::of(&[*p]).overlaps(&bounds) && contains(points, *p)) {
-                meeting.occupied.insert(tet);
-                meets = true;
-            }
-            if meets {
-                meeting.tets.push(tet);
-                meeting.area += strip.area_inside(points, &near);
-            }
-        }
-        meeting
     }
 
     /// The line moved off special positions.
@@ -439,4 +381,21 @@ impl Cutter {
             deferred: self.operations.deferred - before.deferred,
         }
     }
+}
+
+/// Up to 64 nodes, each as far as can be from those before it (Gonzalez 1985), so that from any place a walk to the nearest node is short.
+fn landmarks(mesh: &TetMesh) -> Vec<NodeId> {
+    let nodes: Vec<NodeId> = mesh.nodes().filter(|n| mesh.topology().is_boundary_node(*n)).collect();
+    let mut nearest = vec![f64::INFINITY; nodes.len()];
+    let mut chosen = Vec::new();
+    let mut next = 0;
+    while chosen.len() < nodes.len().min(64) {
+        chosen.push(nodes[next]);
+        let at = mesh.rest(nodes[next]);
+        for (d, n) in nearest.iter_mut().zip(&nodes) {
+            *d = d.min(mesh.rest(*n).distance_squared(at));
+        }
+        next = (0..nodes.len()).fold(0, |m, i| if nearest[i] > nearest[m] { i } else { m });
+    }
+    chosen
 }

@@ -36,6 +36,11 @@ impl RestGrid {
         self.cells.get(&self.cell_of(point)).map_or(&[], SmallVec::as_slice)
     }
 
+    /// The tetrahedra whose boxes overlap a cell that the box of some points overlaps; some more than once.
+    pub fn touching(&self, points: &[DVec3; 4]) -> impl Iterator<Item = TetId> + '_ {
+        self.range(*points).filter_map(|cell| self.cells.get(&cell)).flatten().copied()
+    }
+
     fn cell_of(&self, p: DVec3) -> [i32; 3] {
         (p / self.cell_m).floor().as_ivec3().to_array()
     }

@@ -30,27 +30,32 @@ pub type Child = [Vertex; 4];
 #[must_use]
 pub fn subdivide(corners: [NodeId; 4], faces: &[FaceKey], edges: &[EdgeKey]) -> Vec<Child> {
     let mut children = Vec::with_capacity(16);
-    children.push(corners.map(Vertex::Corner));
+    subdivide_into(corners, faces, edges, &mut children);
+    children
+}
+
+/// The same, added to `all`.
+pub(crate) fn subdivide_into(corners: [NodeId; 4], faces: &[FaceKey], edges: &[EdgeKey], all: &mut Vec<Child>) {
+    let start = all.len();
+    all.push(corners.map(Vertex::Corner));
     for &face in faces {
         let owned = face.nodes().map(Vertex::Corner);
-        let Some(at) = children.iter().position(|c| owned.iter().all(|v| c.contains(v))) else { continue };
-        let owner = children.swap_remove(at);
-        children.extend(owned.iter().map(|v| replaced(owner, *v, Vertex::Face(face))));
+        let Some(at) = all[start..].iter().position(|c| owned.iter().all(|v| c.contains(v))) else { continue };
+        let owner = all[start + at];
+        let [first, second, third] = owned.map(|v| replaced(owner, v, Vertex::Face(face)));
+        all[start + at] = first;
+        all.extend([second, third]);
     }
     for &edge in edges {
         let [a, b] = edge.nodes().map(Vertex::Corner);
-        let mut halves = Vec::new();
-        children.retain(|c| {
-            let split = c.contains(&a) && c.contains(&b);
-            if split {
-                halves.push(replaced(*c, b, Vertex::Edge(edge)));
-                halves.push(replaced(*c, a, Vertex::Edge(edge)));
+        for i in start..all.len() {
+            let whole = all[i];
+            if whole.contains(&a) && whole.contains(&b) {
+                all[i] = replaced(whole, b, Vertex::Edge(edge));
+                all.push(replaced(whole, a, Vertex::Edge(edge)));
             }
-            !split
-        });
-        children.extend(halves);
+        }
     }
-    children
 }
 
 fn replaced(mut child: Child, old: Vertex, new: Vertex) -> Child {

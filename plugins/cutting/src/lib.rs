@@ -1,12 +1,15 @@
 #![doc = include_str!("../README.md")]
 
 pub mod batch;
+mod before;
 pub mod blade;
 pub mod cutter;
 pub mod fragment;
 mod grid;
 pub mod kernel;
+mod locate;
 pub mod material_map;
+mod meet;
 mod plugin;
 mod refine;
 mod release;

@@ -6,8 +6,9 @@
 //! is in an open cut and stays where it last was.
 
 use crate::cutter::Cutter;
-use bevy_math::{DMat3, Vec3};
-use keyhole_tetmesh::{DVec3, NodeId, TetId, TetMesh};
+use crate::locate::{Anchor, Deformed, Hint};
+use bevy_math::Vec3;
+use keyhole_tetmesh::{DVec3, NodeId, TetMesh};
 
 /// Spacing of the line's points as a part of the mean edge.
 const SPACING: f64 = 0.35;
@@ -19,8 +20,8 @@ const STEP: f64 = 0.25;
 /// surface, and no more, for outside tissue a map means nothing.
 const REACH: f64 = 2.5;
 
-/// How many points a line may have.
-const MOST_POINTS: f64 = 256.0;
+/// How many points a line may have; a line that is short at first, like that of scissors, has the fewest.
+const POINTS: [f64; 2] = [9.0, 256.0];
 
 /// A cutting line in the world, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,16 +53,6 @@ pub struct Tissue<'a> {
     pub dt_s: f32,
 }
 
-/// A point of tissue near the line, and the map there.
-#[derive(Clone, Copy, Debug)]
-struct Anchor {
-    nodes: [NodeId; 4],
-    weights: [f64; 4],
-    rest: DVec3,
-    /// From a vector in the world to one in the rest shape.
-    to_rest: DMat3,
-}
-
 impl Anchor {
     /// Where the tissue has carried it, m.
     fn world(&self, positions: &[Vec3]) -> Option<DVec3> {
@@ -90,32 +81,17 @@ struct Mapped {
     inside: bool,
 }
 
-/// One step for the cutter.
-#[derive(Clone, Debug)]
-pub struct RestStep {
-    /// The line in the rest shape, m, tip first.
-    pub line: Vec<DVec3>,
-    /// The points of it that are in tissue.
-    pub inside: Vec<DVec3>,
-}
-
 /// The memory of one blade in one organ.
 #[derive(Clone, Debug, Default)]
 pub struct MaterialMap {
     points: Vec<Mapped>,
+    /// Where to begin the search for each point.
+    hints: Vec<Hint>,
     last: Option<WorldLine>,
     /// The line as handed out last.
     line: Vec<DVec3>,
     /// Whether a line has been handed out since the stroke began.
     begun: bool,
-}
-
-/// A tetrahedron near the blade.
-struct Near {
-    tet: TetId,
-    min: DVec3,
-    max: DVec3,
-    world: [DVec3; 4],
 }
 
 impl MaterialMap {
@@ -130,29 +106,35 @@ impl MaterialMap {
         *self = Self::default();
     }
 
-    /// The steps that take the blade from where it was to `now`, through tissue as it is. The second value tells whether the blade has left the
+    /// The steps that take the blade from where it was to `now`, through tissue as it is: its line in the rest shape (m, tip first) at the end of each. The second value tells whether the blade has left the
     /// tissue at the end of them: the stroke is over.
-    pub fn steps(&mut self, mesh: &TetMesh, cutter: &Cutter, tissue: Tissue, now: WorldLine) -> (Vec<RestStep>, bool) {
+    pub fn steps(&mut self, mesh: &TetMesh, cutter: &Cutter, tissue: Tissue, now: WorldLine) -> (Vec<Vec<DVec3>>, bool) {
         let positions = tissue.positions;
         let edge = cutter.mean_edge_m();
+        let deformed = Deformed { mesh, cutter, positions };
         let before = self.last.replace(now).unwrap_or(now);
-        let near = near_tets(mesh, positions, &[before, now]);
-        if near.is_empty() && !self.begun {
-            return (Vec::new(), false);
-        }
         let count = if self.begun {
             self.points.len()
         } else {
-            ((now.tip.distance(now.heel) / (SPACING * edge)).ceil().clamp(1.0, MOST_POINTS - 1.0)) as usize + 1
+            let length = now.tip.distance(now.heel).max(before.tip.distance(before.heel));
+            (length / (SPACING * edge)).ceil().clamp(POINTS[0] - 1.0, POINTS[1] - 1.0) as usize + 1
         };
+        self.hints.resize(count, Hint::default());
         let moved = before.tip.distance(now.tip).max(before.heel.distance(now.heel));
+        if !self.begun {
+            let hints = self.hints.iter_mut().enumerate();
+            let nearest = hints.map(|(i, h)| deformed.distance(now.point(i, count), h)).fold(f64::INFINITY, f64::min);
+            if nearest > moved + 2.0 * cutter.longest_edge_m() {
+                return (Vec::new(), false);
+            }
+        }
         let parts = (moved / (STEP * edge)).ceil().max(1.0);
-        let mut steps = Vec::new();
+        let mut steps: Vec<Vec<DVec3>> = Vec::new();
         let mut left = false;
         for k in 0..=parts as usize {
             let line = before.between(&now, k as f64 / parts);
             let world: Vec<DVec3> = (0..count).map(|i| line.point(i, count)).collect();
-            let found = locate(mesh, &near, &world);
+            let found: Vec<Option<Anchor>> = world.iter().zip(&mut self.hints).map(|(x, hint)| deformed.find(*x, hint)).collect();
             if !self.begun {
                 if found.iter().all(Option::is_none) {
                     self.points = world.iter().map(|w| Mapped { world: *w, rest: *w, anchor: None, inside: false }).collect();
@@ -165,26 +147,23 @@ impl MaterialMap {
                     let was = self.points.get(i).filter(|_| self.points.len() == count).map_or(h.world, |p| p.world);
                     h.rest + (anchor.to_rest * (was - h.world + anchor.moved(tissue))).clamp_length_max(edge)
                 });
-                steps.push(RestStep { line: entry.collect(), inside: here.iter().filter(|p| p.inside).map(|p| p.rest).collect() });
+                steps.push(entry.collect());
                 self.begun = true;
                 self.points = here;
             } else {
                 self.points = self.follow(mesh, cutter, positions, &world, &found);
             }
             let line: Vec<DVec3> = self.points.iter().map(|p| p.rest).collect();
-            let inside: Vec<DVec3> = self.points.iter().filter(|p| p.inside).map(|p| p.rest).collect();
             // Tissue that moves fast across the blade moves its image far.
-            let from = steps.last().map_or(&self.line, |s: &RestStep| &s.line).clone();
+            let from = steps.last().unwrap_or(&self.line).clone();
             let jump = line.iter().zip(&from).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
             let parts = (jump / (1.5 * STEP * edge)).ceil().clamp(1.0, 64.0) as usize;
             steps.extend((1..=parts).map(|i| {
                 let s = i as f64 / parts as f64;
-                let part =
-                    if from.len() == line.len() { from.iter().zip(&line).map(|(a, b)| a.lerp(*b, s)).collect() } else { line.clone() };
-                RestStep { line: part, inside: inside.clone() }
+                if from.len() == line.len() { from.iter().zip(&line).map(|(a, b)| a.lerp(*b, s)).collect() } else { line.clone() }
             }));
             self.line = line;
-            let out = |p: &Mapped| !p.inside && cutter.tets_at(mesh, &[p.rest]).is_empty();
+            let out = |p: &Mapped| !p.inside && cutter.tet_at(mesh, p.rest).is_none();
             left = self.points.iter().all(out);
             if left {
                 self.begun = false;
@@ -214,60 +193,10 @@ impl MaterialMap {
                 continue;
             };
             let out = anchor.map(positions, x, reach);
-            let in_a_cut = !cutter.tets_at(mesh, &[out]).is_empty();
+            let in_a_cut = cutter.tet_at(mesh, out).is_some();
             let rest = if in_a_cut { own.map_or(anchor.rest, |p| p.rest) } else { out };
             here.push(Mapped { world: x, rest, anchor: Some(anchor), inside: false });
         }
         here
     }
-}
-
-/// Tetrahedra whose deformed box overlaps the box of the lines. Looks at the whole mesh once a tick while a blade is near.
-fn near_tets(mesh: &TetMesh, positions: &[Vec3], lines: &[WorldLine]) -> Vec<Near> {
-    let ends = lines.iter().flat_map(|l| [l.tip, l.heel]);
-    let (low, high) = ends.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
-    let (low32, high32) = (low.as_vec3(), high.as_vec3());
-    mesh.iter()
-        .filter_map(|(tet, corners)| {
-            let p = corners.map(|n| positions.get(n.index()).copied().unwrap_or(Vec3::NAN));
-            let (min, max) = (p[0].min(p[1]).min(p[2]).min(p[3]), p[0].max(p[1]).max(p[2]).max(p[3]));
-            (min.cmple(high32).all() && low32.cmple(max).all()).then(|| Near {
-                tet,
-                min: min.as_dvec3(),
-                max: max.as_dvec3(),
-                world: p.map(|p| p.as_dvec3()),
-            })
-        })
-        .collect()
-}
-
-/// For each point of a line the tetrahedron that holds it, as an anchor; the one with the smallest id where several do.
-fn locate(mesh: &TetMesh, near: &[Near], world: &[DVec3]) -> Vec<Option<Anchor>> {
-    let mut found: Vec<Option<Anchor>> = vec![None; world.len()];
-    for candidate in near {
-        for (i, x) in world.iter().enumerate() {
-            if found[i].is_none() && candidate.min.cmple(*x).all() && x.cmple(candidate.max).all() {
-                found[i] = map_through(mesh, candidate, *x);
-            }
-        }
-    }
-    found
-}
-
-/// The image of a point in the rest shape, when the tetrahedron holds it and is not turned over.
-fn map_through(mesh: &TetMesh, near: &Near, x: DVec3) -> Option<Anchor> {
-    let [a, b, c, d] = near.world;
-    let deformed = DMat3::from_cols(b - a, c - a, d - a);
-    if deformed.determinant() <= 0.0 {
-        return None;
-    }
-    let inverse = deformed.inverse();
-    let w = inverse * (x - a);
-    if w.min_element() < 0.0 || w.element_sum() > 1.0 {
-        return None;
-    }
-    let [ra, rb, rc, rd] = mesh.points(near.tet);
-    let to_rest = DMat3::from_cols(rb - ra, rc - ra, rd - ra) * inverse;
-    let weights = [1.0 - w.element_sum(), w.x, w.y, w.z];
-    Some(Anchor { nodes: mesh.corners(near.tet), weights, rest: ra + to_rest * (x - a), to_rest })
 }

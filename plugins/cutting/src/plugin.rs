@@ -107,8 +107,7 @@ impl OrganCutter {
     fn cut(&mut self, mesh: &mut Mut<TissueMesh>, tissue: Tissue, line: WorldLine, status: &mut CutStatus) {
         let (steps, left) = self.map.steps(&mesh.0, &self.cutter, tissue, line);
         for step in steps {
-            let seeds = self.cutter.tets_at(&mesh.0, &step.inside);
-            let report = self.cutter.advance(&mut mesh.0, &step.line, &seeds);
+            let report = self.cutter.advance(&mut mesh.0, &step);
             count(status, report.operations);
         }
         if left {

@@ -1,26 +1,44 @@
 //! Refinement: brings the children of the base tetrahedra concerned up to what is released, and edits the mesh where they differ.
 
 use crate::cutter::Cutter;
-use crate::kernel::{Child, Vertex, subdivide};
+use crate::kernel::{Child, Vertex, subdivide_into};
 use crate::release::{FaceState, split_order, split_rank};
 use crate::stroke::{CrossingState, FaceWeights, Placed, Touched};
 use keyhole_tetmesh::quality::is_positive;
 use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, NodeWeights, TetId, TetMesh};
-use rustc_hash::{FxHashMap, FxHashSet};
-use smallvec::smallvec;
-use std::collections::{BTreeMap, BTreeSet};
+use rustc_hash::FxHashSet;
+use smallvec::{SmallVec, smallvec};
+use std::ops::Range;
 
 /// Stands for a node that separation has yet to name.
 pub(crate) const UNNAMED: NodeId = NodeId(u32::MAX);
 
-/// How often a step is taken back before it is left as it is: each time takes back all of the step's events at the places at fault.
-const ROUNDS: usize = 4;
+/// A point of a face, and whether the sheet runs right through it.
+type FacePoint = (FaceWeights, FaceState);
 
 /// What a base tetrahedron is to become.
 struct Plan {
     base: TetId,
-    faces: Vec<FaceKey>,
-    edges: Vec<EdgeKey>,
+    faces: SmallVec<[FaceKey; 4]>,
+    edges: SmallVec<[EdgeKey; 6]>,
+    /// Its children among those of all plans.
+    children: Range<usize>,
+}
+
+/// What a step changes: face points that come, move or go, and base tetrahedra that become something else.
+#[derive(Default)]
+struct Changes {
+    /// Ascending by face, with the point before this step.
+    faces: Vec<(FaceKey, Option<FacePoint>)>,
+    plans: Vec<Plan>,
+    children: Vec<Child>,
+}
+
+impl Changes {
+    /// The point that a face had before this step, when the step changes it.
+    fn before(&self, face: FaceKey) -> Option<Option<FacePoint>> {
+        self.faces.binary_search_by_key(&face, |f| f.0).ok().map(|i| self.faces[i].1)
+    }
 }
 
 impl Cutter {
@@ -32,116 +50,125 @@ impl Cutter {
                 let [a, b] = e.nodes();
                 mesh.rest(a).lerp(mesh.rest(b), self.stroke.crossings.get(&e).map_or(0.5, |c| c.t))
             }
-            Vertex::Face(f) => self.on_face(mesh, f, self.stroke.face_points.get(&f).copied().unwrap_or([1.0 / 3.0; 3])),
+            Vertex::Face(f) => on_face(mesh, f, self.stroke.face_points.get(&f).map_or([1.0 / 3.0; 3], |(w, _)| *w)),
         }
     }
 
-    fn on_face(&self, mesh: &TetMesh, face: FaceKey, w: FaceWeights) -> DVec3 {
-        let [a, b, c] = face.nodes().map(|n| mesh.rest(n));
-        a * w[0] + b * w[1] + c * w[2]
-    }
-
-    /// Brings the mesh up to what is released around the candidates.
-    pub(crate) fn refine(&mut self, mesh: &mut TetMesh, mut candidates: FxHashSet<TetId>) {
-        candidates.retain(|t| self.base.contains(*t));
-        let mut candidates: BTreeSet<TetId> = candidates.into_iter().collect();
-        let fresh_on_sheet: Vec<TetId> = candidates
-            .iter()
-            .flat_map(|t| self.base.corners(*t))
-            .filter(|n| self.stroke.on_sheet.contains_key(n))
-            .collect::<BTreeSet<NodeId>>()
-            .into_iter()
-            .flat_map(|n| self.base.around_node(n).to_vec())
-            .collect();
-        candidates.extend(fresh_on_sheet);
-
-        let old_points = self.stroke.face_points.clone();
-        // A face whose point comes or goes changes the tetrahedra on both of its sides.
-        let mut faces_seen: BTreeSet<FaceKey> = BTreeSet::new();
-        let mut fresh: Vec<TetId> = candidates.iter().copied().collect();
-        while let Some(tet) = fresh.pop() {
-            for face in (0..4).map(|f| self.base.face_key(tet, f)) {
-                if faces_seen.insert(face) && self.face_point(mesh, face).is_some() != old_points.contains_key(&face) {
-                    fresh.extend(self.base.around_face(face).filter(|t| candidates.insert(*t)));
-                }
-            }
-        }
+    /// Brings the mesh up to what is released around the candidates (base tetrahedra, in any order) and in the faces given.
+    pub(crate) fn refine(&mut self, mesh: &mut TetMesh, mut candidates: Vec<TetId>, faces: &[FaceKey]) {
+        candidates.sort_unstable();
+        candidates.dedup();
+        candidates.retain(|t| self.before.contains(mesh.topology(), *t));
         let mut held: FxHashSet<FaceKey> = FxHashSet::default();
-        let mut plans = self.plans(mesh, &candidates, &faces_seen, &old_points, &held);
-        for _ in 0..ROUNDS {
-            if !self.take_back(mesh, &plans, &mut held) {
-                break;
-            }
-            plans = self.plans(mesh, &candidates, &faces_seen, &old_points, &held);
+        let mut changes = self.changes(mesh, &candidates, faces, &held);
+        while self.take_back(mesh, &changes, &mut held) {
+            self.undo(changes);
+            changes = self.changes(mesh, &candidates, faces, &held);
         }
 
         // New points in the tissue as it is before the edit; then moved points; then tetrahedra.
-        let added = self.add_points(mesh, &plans, &old_points);
-        self.move_points(mesh, &faces_seen, &old_points, &added);
+        let added = self.add_points(mesh, &changes);
+        self.move_points(mesh, &changes, &added);
         let mut doomed = Vec::new();
-        let mut vertices: BTreeSet<Vertex> = BTreeSet::new();
-        for plan in &plans {
-            self.replan(mesh, plan, &mut doomed, &mut vertices);
+        let mut vertices = self.relabel(mesh);
+        for plan in &changes.plans {
+            self.replan(mesh, plan, &changes.children[plan.children.clone()], &mut doomed, &mut vertices);
         }
-        for tet in &candidates {
-            if let Some(touched) = self.stroke.touched.get(tet) {
-                let on_sheet = touched.children.iter().flat_map(|c| c.key).filter(|v| self.stroke.is_on_sheet(*v));
-                vertices.extend(on_sheet);
-            }
-        }
-        let unused = self.separate(mesh, &vertices, &added);
-        self.place(mesh, &candidates, doomed);
+        vertices.sort_unstable();
+        vertices.dedup();
+        let mut concerned: Vec<TetId> = changes.plans.iter().map(|p| p.base).collect();
+        let unused = self.separate(mesh, &vertices, &added, &mut concerned);
+        self.place(mesh, concerned, doomed);
         for node in unused {
             mesh.remove_node(node);
         }
     }
 
-    /// What the candidates are to become, and with it the released face points. A held face keeps the point it had.
-    fn plans(
-        &mut self,
-        mesh: &TetMesh,
-        candidates: &BTreeSet<TetId>,
-        faces: &BTreeSet<FaceKey>,
-        old_points: &FxHashMap<FaceKey, FaceWeights>,
-        held: &FxHashSet<FaceKey>,
-    ) -> Vec<Plan> {
-        self.stroke.face_points.clone_from(old_points);
-        let mut points = old_points.clone();
-        let mut states: FxHashMap<FaceKey, FaceState> = FxHashMap::default();
-        for face in faces {
-            let mut point = self.face_point(mesh, *face);
-            if held.contains(face) {
-                point = point.and_then(|(_, state)| old_points.get(face).map(|w| (*w, state)));
-            }
-            match point {
-                Some((w, state)) => {
-                    points.insert(*face, w);
-                    states.insert(*face, state);
+    /// Sets the released face points, and finds what the candidates are to become. A held face keeps the point it had.
+    fn changes(&mut self, mesh: &TetMesh, candidates: &[TetId], faces: &[FaceKey], held: &FxHashSet<FaceKey>) -> Changes {
+        let topology = mesh.topology();
+        let mut changes = Changes::default();
+        let mut tets = candidates.to_vec();
+        let mut seen: FxHashSet<TetId> = tets.iter().copied().collect();
+        let mut seen_faces: FxHashSet<FaceKey> = FxHashSet::default();
+        let mut next = 0;
+        let mut pending: SmallVec<[FaceKey; 16]> = faces.iter().copied().collect();
+        loop {
+            for face in pending.drain(..) {
+                if !seen_faces.insert(face) || held.contains(&face) {
+                    continue;
                 }
-                None => {
-                    points.remove(face);
+                let old = self.stroke.face_points.get(&face).copied();
+                let new = self.face_point(mesh, face);
+                if new == old {
+                    continue;
                 }
+                // A face whose point comes or goes changes the tetrahedra on both of its sides.
+                if new.map(|n| n.1) != old.map(|o| o.1) {
+                    tets.extend(self.before.around_face(topology, face).filter(|t| seen.insert(*t)));
+                }
+                changes.faces.push((face, old));
+                match new {
+                    Some(point) => self.stroke.face_points.insert(face, point),
+                    None => self.stroke.face_points.remove(&face),
+                };
             }
+            let Some(&tet) = tets.get(next) else { break };
+            next += 1;
+            pending.extend((0..4).map(|f| self.before.face_key(topology, tet, f)));
         }
-        self.stroke.face_points = points;
-        let plans = candidates.iter().map(|&tet| self.plan(mesh, tet, &states));
-        plans
-            .filter(|plan| {
-                let trivial = plan.faces.is_empty() && plan.edges.is_empty();
-                let known = self.stroke.touched.get(&plan.base);
-                let on_sheet = || self.base.corners(plan.base).iter().any(|n| self.stroke.on_sheet.contains_key(n));
-                let same = known.is_some_and(|k| k.faces == plan.faces && k.edges == plan.edges);
-                !same && (!trivial || known.is_some() || on_sheet())
-            })
-            .collect()
+        changes.faces.sort_unstable_by_key(|f| f.0);
+        tets.sort_unstable();
+        for base in tets {
+            self.plan(mesh, base, &mut changes);
+        }
+        changes
+    }
+
+    /// Puts the face points back to what they were.
+    fn undo(&mut self, changes: Changes) {
+        for (face, old) in changes.faces {
+            match old {
+                Some(point) => self.stroke.face_points.insert(face, point),
+                None => self.stroke.face_points.remove(&face),
+            };
+        }
+    }
+
+    /// Adds what a base tetrahedron is to become, when it differs from what it is.
+    fn plan(&self, mesh: &TetMesh, base: TetId, changes: &mut Changes) {
+        let topology = mesh.topology();
+        let corners = self.before.corners(topology, base);
+        let mut faces: SmallVec<[(FaceState, FaceKey); 4]> = (0..4)
+            .map(|f| self.before.face_key(topology, base, f))
+            .filter_map(|f| self.stroke.face_points.get(&f).map(|(_, state)| (*state, f)))
+            .collect();
+        faces.sort_unstable();
+        let faces: SmallVec<[FaceKey; 4]> = faces.into_iter().map(|(_, f)| f).collect();
+        let mut edges: SmallVec<[EdgeKey; 6]> =
+            EDGES.iter().map(|&[i, j]| EdgeKey::new(corners[i], corners[j])).filter(|e| self.stroke.released(*e).is_some()).collect();
+        let rank = |e: &EdgeKey| self.stroke.ranks.get(e).copied().unwrap_or_else(|| split_rank(mesh, *e));
+        edges.sort_by(|a, b| split_order((&rank(a), *a), (&rank(b), *b)));
+        let same = match self.before.place(base) {
+            Some(place) => {
+                let known = &self.stroke.touched[place];
+                known.faces == faces && known.edges == edges
+            }
+            None => faces.is_empty() && edges.is_empty() && !corners.iter().any(|n| self.stroke.on_sheet.contains_key(n)),
+        };
+        if !same {
+            let start = changes.children.len();
+            subdivide_into(corners, &faces, &edges, &mut changes.children);
+            changes.plans.push(Plan { base, faces, edges, children: start..changes.children.len() });
+        }
     }
 
     /// Takes back the events of this step that would make a tetrahedron that is not positive: crossings wait for the next step, face points
     /// stay where they were. Returns whether there were any. Only rounding can bring this about.
-    fn take_back(&mut self, mesh: &TetMesh, plans: &[Plan], held: &mut FxHashSet<FaceKey>) -> bool {
+    fn take_back(&mut self, mesh: &TetMesh, changes: &Changes, held: &mut FxHashSet<FaceKey>) -> bool {
         let mut any = false;
-        for plan in plans {
-            let children = subdivide(self.base.corners(plan.base), &plan.faces, &plan.edges);
+        for plan in &changes.plans {
+            let children = &changes.children[plan.children.clone()];
             if children.iter().all(|c| is_positive(c.map(|v| self.vertex_rest(mesh, v)))) {
                 continue;
             }
@@ -155,69 +182,53 @@ impl Cutter {
                     any = true;
                 }
             }
-            for face in &plan.faces {
-                any |= held.insert(*face);
+            for face in (0..4).map(|f| self.before.face_key(mesh.topology(), plan.base, f)) {
+                any |= changes.before(face).is_some() && held.insert(face);
             }
             self.operations.deferred += 1;
         }
         any
     }
 
-    fn plan(&self, mesh: &TetMesh, base: TetId, states: &FxHashMap<FaceKey, FaceState>) -> Plan {
-        let corners = self.base.corners(base);
-        let mut faces: Vec<(FaceState, FaceKey)> =
-            (0..4).map(|f| self.base.face_key(base, f)).filter_map(|f| states.get(&f).map(|s| (*s, f))).collect();
-        faces.sort_unstable();
-        let mut edges: Vec<EdgeKey> =
-            EDGES.iter().map(|&[i, j]| EdgeKey::new(corners[i], corners[j])).filter(|e| self.stroke.released(*e).is_some()).collect();
-        let rank = |e: &EdgeKey| self.stroke.ranks.get(e).copied().unwrap_or_else(|| split_rank(mesh, *e));
-        edges.sort_by(|a, b| split_order((&rank(a), *a), (&rank(b), *b)));
-        Plan { base, faces: faces.into_iter().map(|(_, f)| f).collect(), edges }
-    }
-
-    /// Makes a node for each vertex that appears, where the tissue is now. Returns the first node of each.
-    fn add_points(&mut self, mesh: &mut TetMesh, plans: &[Plan], old_points: &FxHashMap<FaceKey, FaceWeights>) -> BTreeMap<Vertex, NodeId> {
-        let mut fresh: BTreeSet<Vertex> = BTreeSet::new();
-        for plan in plans {
+    /// Makes a node for each vertex that appears, where the tissue is now. Returns the first node of each, ascending by vertex.
+    fn add_points(&mut self, mesh: &mut TetMesh, changes: &Changes) -> Vec<(Vertex, NodeId)> {
+        let mut fresh: Vec<Vertex> = Vec::new();
+        for plan in &changes.plans {
             fresh.extend(plan.edges.iter().map(|e| Vertex::Edge(*e)));
             fresh.extend(plan.faces.iter().map(|f| Vertex::Face(*f)));
         }
+        fresh.sort_unstable();
+        fresh.dedup();
         fresh.retain(|v| !self.stroke.sides.contains_key(v));
-        let mut added = BTreeMap::new();
-        for vertex in fresh {
-            let from: NodeWeights = match vertex {
-                Vertex::Edge(e) => {
-                    let [a, b] = e.nodes();
-                    let t = self.stroke.crossings.get(&e).map_or(0.5, |c| c.t);
-                    smallvec![(a, 1.0 - t), (b, t)]
-                }
-                Vertex::Face(f) => self.tissue_at(f, self.stroke.face_points[&f], old_points),
-                Vertex::Corner(n) => smallvec![(n, 1.0)],
-            };
-            let rest = self.vertex_rest(mesh, vertex);
-            added.insert(vertex, mesh.add_node(rest, from));
-        }
-        added
+        fresh
+            .into_iter()
+            .map(|vertex| {
+                let from: NodeWeights = match vertex {
+                    Vertex::Edge(e) => {
+                        let [a, b] = e.nodes();
+                        let t = self.stroke.crossings.get(&e).map_or(0.5, |c| c.t);
+                        smallvec![(a, 1.0 - t), (b, t)]
+                    }
+                    Vertex::Face(f) => self.tissue_at(mesh, f, self.stroke.face_points[&f].0, changes),
+                    Vertex::Corner(n) => smallvec![(n, 1.0)],
+                };
+                (vertex, mesh.add_node(self.vertex_rest(mesh, vertex), from))
+            })
+            .collect()
     }
 
     /// Moves the nodes of face points that are elsewhere now, and counts the children that change with them.
-    fn move_points(
-        &mut self,
-        mesh: &mut TetMesh,
-        faces: &BTreeSet<FaceKey>,
-        old_points: &FxHashMap<FaceKey, FaceWeights>,
-        added: &BTreeMap<Vertex, NodeId>,
-    ) {
-        for face in faces {
-            let (Some(now), Some(then)) = (self.stroke.face_points.get(face).copied(), old_points.get(face)) else { continue };
-            let vertex = Vertex::Face(*face);
-            if now == *then || added.contains_key(&vertex) {
+    fn move_points(&mut self, mesh: &mut TetMesh, changes: &Changes, added: &[(Vertex, NodeId)]) {
+        for &(face, then) in &changes.faces {
+            let (Some((now, _)), Some((then, _))) = (self.stroke.face_points.get(&face).copied(), then) else { continue };
+            let vertex = Vertex::Face(face);
+            if now == then || added.binary_search_by_key(&vertex, |a| a.0).is_ok() {
                 continue;
             }
-            let Some(nodes) = self.stroke.sides.get(&vertex) else { continue };
-            let nodes: Vec<NodeId> = nodes.iter().map(|s| s.node).collect();
-            let from = self.tissue_at(*face, now, old_points);
-            let rest = self.on_face(mesh, *face, now);
+            let Some(sides) = self.stroke.sides.get(&vertex) else { continue };
+            let nodes: SmallVec<[NodeId; 4]> = sides.iter().map(|s| s.node).collect();
+            let from = self.tissue_at(mesh, face, now, changes);
+            let rest = on_face(mesh, face, now);
             for node in nodes {
                 mesh.move_node(node, rest, from.clone());
                 self.operations.updated += mesh.topology().around_node(node).len() as u64;
@@ -226,16 +237,15 @@ impl Cutter {
     }
 
     /// The point of a base face with weights `w`, in the nodes of the child face that holds it now.
-    fn tissue_at(&self, face: FaceKey, w: FaceWeights, old_points: &FxHashMap<FaceKey, FaceWeights>) -> NodeWeights {
+    fn tissue_at(&self, mesh: &TetMesh, face: FaceKey, w: FaceWeights, changes: &Changes) -> NodeWeights {
         let base_nodes: NodeWeights = face.nodes().iter().copied().zip(w).collect();
         let mut best: Option<(f64, NodeWeights)> = None;
-        let mut bases: Vec<TetId> = self.base.around_face(face).collect();
+        let mut bases: SmallVec<[TetId; 2]> = self.before.around_face(mesh.topology(), face).collect();
         bases.sort_unstable();
-        for base in bases {
-            let Some(touched) = self.stroke.touched.get(&base) else { continue };
-            for child in &touched.children {
-                let on: Vec<(NodeId, FaceWeights)> =
-                    (0..4).filter_map(|i| self.on_base_face(face, child.key[i], old_points).map(|b| (child.nodes[i], b))).collect();
+        for place in bases.into_iter().filter_map(|b| self.before.place(b)) {
+            for child in &self.stroke.touched[place].children {
+                let on: SmallVec<[(NodeId, FaceWeights); 4]> =
+                    (0..4).filter_map(|i| self.on_base_face(face, child.key[i], changes).map(|b| (child.nodes[i], b))).collect();
                 let [a, b, c] = on.as_slice() else { continue };
                 let Some(inner) = solve_weights([a.1, b.1, c.1], w) else { continue };
                 let least = inner.iter().copied().fold(f64::INFINITY, f64::min);
@@ -248,7 +258,7 @@ impl Cutter {
     }
 
     /// A vertex as weights of the nodes of a base face, when it lies on that face, as the mesh was before this step.
-    fn on_base_face(&self, face: FaceKey, vertex: Vertex, old_points: &FxHashMap<FaceKey, FaceWeights>) -> Option<FaceWeights> {
+    fn on_base_face(&self, face: FaceKey, vertex: Vertex, changes: &Changes) -> Option<FaceWeights> {
         let nodes = face.nodes();
         let at = |n: NodeId| nodes.iter().position(|m| *m == n);
         match vertex {
@@ -262,48 +272,72 @@ impl Cutter {
                 w[j] = t;
                 Some(w)
             }
-            Vertex::Face(f) => {
-                if f == face {
-                    old_points.get(&f).copied()
-                } else {
-                    None
-                }
-            }
+            Vertex::Face(f) if f == face => changes.before(f).unwrap_or_else(|| self.stroke.face_points.get(&f).copied()).map(|(w, _)| w),
+            Vertex::Face(_) => None,
         }
     }
 
-    /// Replaces the list of children, keeping those that stay.
-    fn replan(&mut self, mesh: &mut TetMesh, plan: &Plan, doomed: &mut Vec<TetId>, vertices: &mut BTreeSet<Vertex>) {
-        let corners = self.base.corners(plan.base);
-        let tet = mesh.tet(plan.base);
-        let mut old = match self.stroke.touched.remove(&plan.base) {
-            Some(touched) => touched.children,
-            None => {
-                mesh.retire_tet(plan.base);
-                self.operations.deleted += 1;
-                Vec::new()
-            }
-        };
-        vertices.extend(old.iter().flat_map(|c| c.key).filter(|v| self.stroke.is_on_sheet(*v)));
-        let keys = subdivide(corners, &plan.faces, &plan.edges);
-        let children = keys
-            .into_iter()
-            .map(|key| match old.iter().position(|c| c.key == key) {
-                Some(i) => old.swap_remove(i),
-                None => {
-                    self.operations.created += 1;
-                    Placed { key, nodes: self.unnamed(&key), id: None }
-                }
-            })
-            .collect();
-        for gone in old {
-            if let Some(id) = gone.id {
-                self.operations.deleted += 1;
-                doomed.push(id);
+    /// Renews the sides of the children whose base's corners have become known or come to lie on the sheet. Returns the vertices on the sheet
+    /// of those that changed.
+    fn relabel(&mut self, mesh: &TetMesh) -> Vec<Vertex> {
+        let mut vertices = Vec::new();
+        let mut stale = std::mem::take(&mut self.stroke.stale_labels);
+        stale.sort_unstable();
+        stale.dedup();
+        for base in stale.drain(..) {
+            let Some(place) = self.before.place(base) else { continue };
+            let corners = self.before.corners(mesh.topology(), base);
+            let labels = self.stroke.labels(corners);
+            for i in 0..self.stroke.touched[place].children.len() {
+                let key = self.stroke.touched[place].children[i].key;
+                self.stroke.touched[place].children[i].label = self.stroke.child_label(&key, corners, labels);
+                vertices.extend(key.iter().filter(|v| self.stroke.is_on_sheet(**v)));
             }
         }
-        let touched = Touched { corners, tet, faces: plan.faces.clone(), edges: plan.edges.clone(), children };
-        self.stroke.touched.insert(plan.base, touched);
+        self.stroke.stale_labels = stale;
+        vertices
+    }
+
+    /// Replaces the list of children, keeping those that stay. `vertices` gains all of the sheet that the change concerns.
+    fn replan(&mut self, mesh: &mut TetMesh, plan: &Plan, keys: &[Child], doomed: &mut Vec<TetId>, vertices: &mut Vec<Vertex>) {
+        let place = self.before.place(plan.base).unwrap_or_else(|| {
+            let place = self.before.touch(mesh.topology(), plan.base);
+            let touched = Touched {
+                tet: mesh.tet(plan.base),
+                faces: SmallVec::new(),
+                edges: SmallVec::new(),
+                children: self.spare.pop().unwrap_or_default(),
+            };
+            self.stroke.touched.push(touched);
+            mesh.retire_tet(plan.base);
+            self.operations.deleted += 1;
+            place
+        });
+        let corners = self.before.corners(mesh.topology(), plan.base);
+        let labels = self.stroke.labels(corners);
+        let mut old = std::mem::replace(&mut self.stroke.touched[place].children, self.spare.pop().unwrap_or_default());
+        for child in &old {
+            vertices.extend(child.key.iter().filter(|v| self.stroke.is_on_sheet(**v)));
+        }
+        for &key in keys {
+            vertices.extend(key.iter().filter(|v| self.stroke.is_on_sheet(**v)));
+            let label = self.stroke.child_label(&key, corners, labels);
+            let placed = match old.iter().position(|c| c.key == key) {
+                Some(i) => Placed { label, ..old.swap_remove(i) },
+                None => {
+                    self.operations.created += 1;
+                    Placed { key, nodes: self.unnamed(&key), id: None, label }
+                }
+            };
+            self.stroke.touched[place].children.push(placed);
+        }
+        for gone in old.drain(..).filter_map(|c| c.id) {
+            self.operations.deleted += 1;
+            doomed.push(gone);
+        }
+        self.spare.push(old);
+        self.stroke.touched[place].faces.clone_from(&plan.faces);
+        self.stroke.touched[place].edges.clone_from(&plan.edges);
     }
 
     fn unnamed(&self, key: &Child) -> [NodeId; 4] {
@@ -314,16 +348,16 @@ impl Cutter {
     }
 
     /// Puts the children whose nodes are new or changed into the mesh.
-    fn place(&mut self, mesh: &mut TetMesh, candidates: &BTreeSet<TetId>, doomed: Vec<TetId>) {
+    fn place(&mut self, mesh: &mut TetMesh, mut concerned: Vec<TetId>, doomed: Vec<TetId>) {
         for id in doomed {
-            self.stroke.parent.remove(&id);
+            self.before.disown(id);
             mesh.remove_tet(id);
         }
-        let mut concerned: BTreeSet<TetId> = candidates.clone();
-        concerned.extend(std::mem::take(&mut self.relabelled));
+        concerned.sort_unstable();
+        concerned.dedup();
         for base in concerned {
-            let Some(touched) = self.stroke.touched.get_mut(&base) else { continue };
-            let mut placed = Vec::new();
+            let Some(place) = self.before.place(base) else { continue };
+            let touched = &mut self.stroke.touched[place];
             for child in &mut touched.children {
                 if child.nodes.contains(&UNNAMED) {
                     continue;
@@ -332,55 +366,55 @@ impl Cutter {
                     if mesh.corners(id) == child.nodes {
                         continue;
                     }
-                    self.stroke.parent.remove(&id);
+                    self.before.disown(id);
                     mesh.remove_tet(id);
                     self.operations.updated += 1;
                 }
                 let id = mesh.add_tet(child.nodes, touched.tet);
                 child.id = Some(id);
-                placed.push(id);
-            }
-            for id in placed {
-                self.stroke.parent.insert(id, base);
+                self.before.adopt(id, base);
             }
         }
     }
 
-    /// Area that the stroke in progress has opened, m2: of the marked faces whose two sides have nodes of their own.
+    /// Area that the stroke in progress has opened, m2: one side of the faces of the cut.
     pub(crate) fn stroke_area(&self, mesh: &TetMesh) -> f64 {
-        let mut bases: Vec<TetId> = self.stroke.touched.keys().copied().collect();
-        bases.sort_unstable();
-        let mut faces: BTreeMap<[Vertex; 3], [NodeId; 3]> = BTreeMap::new();
-        let mut area = 0.0;
-        for base in bases {
-            for child in &self.stroke.touched[&base].children {
-                for (face, nodes) in child_faces(&child.key, child.nodes) {
-                    if !face.iter().all(|v| self.stroke.is_on_sheet(*v)) {
-                        continue;
-                    }
-                    if let Some(other) = faces.remove(&face) {
-                        if other != nodes {
-                            let [a, b, c] = nodes.map(|n| mesh.rest(n));
-                            area += (b - a).cross(c - a).length() / 2.0;
-                        }
-                    } else {
-                        faces.insert(face, nodes);
+        let mut twice = 0.0;
+        for (touched, base) in self.stroke.touched.iter().zip(self.before.touched()) {
+            for (child, id) in touched.children.iter().filter_map(|c| c.id.map(|id| (c, id))) {
+                let on_sheet = child.key.map(|v| self.stroke.is_on_sheet(v));
+                for (face, corners) in keyhole_tetmesh::FACES.into_iter().enumerate() {
+                    if corners.iter().all(|&i| on_sheet[i])
+                        && mesh.topology().neighbour(id, face).is_none()
+                        && !self.was_boundary(mesh, *base, corners.map(|i| child.key[i]))
+                    {
+                        let [a, b, c] = corners.map(|i| mesh.rest(child.nodes[i]));
+                        twice += (b - a).cross(c - a).length() / 2.0;
                     }
                 }
             }
         }
-        area
+        twice / 2.0
+    }
+
+    /// Whether a face of a child is a part of a face of its base that had nothing beyond it.
+    fn was_boundary(&self, mesh: &TetMesh, base: TetId, face: [Vertex; 3]) -> bool {
+        let topology = mesh.topology();
+        (0..4).map(|f| self.before.face_key(topology, base, f)).any(|key| {
+            let nodes = key.nodes();
+            let on_it = |v: &Vertex| match v {
+                Vertex::Corner(n) => nodes.contains(n),
+                Vertex::Edge(e) => e.nodes().iter().all(|n| nodes.contains(n)),
+                Vertex::Face(f) => *f == key,
+            };
+            face.iter().all(on_it) && self.before.around_face(topology, key).count() == 1
+        })
     }
 }
 
-/// The four faces of a child: vertices in ascending order, with their nodes.
-pub(crate) fn child_faces(key: &Child, nodes: [NodeId; 4]) -> [([Vertex; 3], [NodeId; 3]); 4] {
-    let mut order = [0, 1, 2, 3];
-    order.sort_unstable_by_key(|&i| key[i]);
-    [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]].map(|face| {
-        let picked = face.map(|i: usize| order[i]);
-        (picked.map(|i| key[i]), picked.map(|i| nodes[i]))
-    })
+fn on_face(mesh: &TetMesh, face: FaceKey, w: FaceWeights) -> DVec3 {
+    let [a, b, c] = face.nodes().map(|n| mesh.rest(n));
+    a * w[0] + b * w[1] + c * w[2]
 }
 
 /// The weights of three points (given as weights themselves) that make `target`; `None` when the three are on a line.

@@ -5,7 +5,7 @@ use crate::sheet::clear_of_border;
 use crate::stroke::{CrossingState, FaceWeights, SplitRank};
 use keyhole_tetmesh::{EdgeKey, FaceKey, NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{CutMethod, CutPattern};
-use rustc_hash::FxHashSet;
+use smallvec::SmallVec;
 use std::cmp::Ordering;
 
 /// Whether a face that has a point is crossed on one side of it only, or the sheet runs right through.
@@ -42,11 +42,11 @@ impl Cutter {
     }
 
     fn has_left(&self, mut tets: impl Iterator<Item = TetId>) -> bool {
-        tets.all(|t| !self.stroke.occupied.contains(&t))
+        tets.all(|t| !self.stroke.occupied.tets.contains(&t))
     }
 
     /// Settles what the blade has left, snaps, and releases what the policy lets go. `candidates` gains the base tetrahedra concerned.
-    pub(crate) fn settle_and_release(&mut self, mesh: &mut TetMesh, candidates: &mut FxHashSet<TetId>) {
+    pub(crate) fn settle_and_release(&mut self, mesh: &mut TetMesh, candidates: &mut Vec<TetId>) {
         for edge in &self.stroke.unsettled {
             if self.is_immediate(&edge.nodes())
                 && let Some(c) = self.stroke.crossings.get_mut(edge)
@@ -54,7 +54,7 @@ impl Cutter {
             {
                 c.state = CrossingState::Released;
                 let [a, b] = edge.nodes();
-                candidates.extend(self.base.around_edge(a, b));
+                candidates.extend(self.before.around_edge(mesh.topology(), a, b));
             }
         }
         let unsettled = std::mem::take(&mut self.stroke.unsettled);
@@ -63,9 +63,9 @@ impl Cutter {
             let [a, b] = edge.nodes();
             if snapping {
                 // With snapping the whole neighbourhood of both nodes must be final, for a node decides for all of its edges.
-                self.has_left(self.base.around_node(a).iter().chain(self.base.around_node(b)).copied())
+                !self.stroke.occupied.nodes.contains(&a) && !self.stroke.occupied.nodes.contains(&b)
             } else {
-                self.has_left(self.base.around_edge(a, b))
+                self.has_left(self.before.around_edge(mesh.topology(), a, b))
             }
         });
         self.stroke.unsettled = waiting;
@@ -74,7 +74,7 @@ impl Cutter {
         }
         for edge in left {
             let [a, b] = edge.nodes();
-            candidates.extend(self.base.around_edge(a, b));
+            candidates.extend(self.before.around_edge(mesh.topology(), a, b));
             if let Some(c) = self.stroke.crossings.get_mut(&edge) {
                 c.settled = true;
                 if c.state == CrossingState::Recorded {
@@ -88,37 +88,32 @@ impl Cutter {
     pub(crate) fn face_point(&self, mesh: &TetMesh, face: FaceKey) -> Option<(FaceWeights, FaceState)> {
         let nodes = face.nodes();
         let edges = face.edges();
-        let released: Vec<usize> = (0..3).filter(|&i| self.stroke.released(edges[i]).is_some()).collect();
+        let released: SmallVec<[usize; 3]> = (0..3).filter(|&i| self.stroke.released(edges[i]).is_some()).collect();
         if released.is_empty() {
             return None;
         }
-        let waiting: Vec<usize> = (0..3).filter(|&i| self.stroke.is_waiting(edges[i])).collect();
+        let waiting: SmallVec<[usize; 3]> = (0..3).filter(|&i| self.stroke.is_waiting(edges[i])).collect();
         // A node on the sheet counts where the sheet goes on from it to the opposite edge.
-        let through: Vec<usize> = (0..3).filter(|&i| self.stroke.on_sheet.contains_key(&nodes[i]) && released.contains(&i)).collect();
+        let through: SmallVec<[usize; 3]> =
+            (0..3).filter(|&i| self.stroke.on_sheet.contains_key(&nodes[i]) && released.contains(&i)).collect();
         let immediate = self.is_immediate(&nodes);
-        let open = |w: FaceWeights| Some((clear_of_border(w), FaceState::Open));
         match (released.as_slice(), through.as_slice()) {
             ([one], []) => {
                 if let [other] = waiting.as_slice() {
-                    let stored = self.stroke.face_points.get(&face).copied();
+                    let stored = self.stroke.face_points.get(&face).map(|(w, _)| *w);
                     let between = || middle(self.on_edge(face, *one), self.on_edge(face, *other));
                     return immediate.then(|| (stored.unwrap_or_else(between), FaceState::Open));
                 }
                 if !waiting.is_empty() {
                     return None;
                 }
-                if let Some(w) = self.stroke.front.get(&face)
-                    && immediate
-                {
-                    return open(*w);
-                }
-                let left = immediate || self.has_left(self.base.around_face(face));
-                self.stroke.border.get(&face).filter(|_| left).and_then(|w| open(*w))
+                let left = immediate || self.has_left(self.before.around_face(mesh.topology(), face));
+                left.then(|| self.deepest(mesh, face, *one)).flatten().map(|w| (clear_of_border(w), FaceState::Open))
             }
-            ([one, two], []) if self.pattern(mesh, face) == CutPattern::Symmetric => {
+            ([one, two], []) if self.pattern(face) == CutPattern::Symmetric => {
                 Some((middle(self.on_edge(face, *one), self.on_edge(face, *two)), FaceState::Full))
             }
-            ([one], [node]) if self.pattern(mesh, face) == CutPattern::Symmetric => {
+            ([one], [node]) if self.pattern(face) == CutPattern::Symmetric => {
                 let mut corner = [0.0; 3];
                 corner[*node] = 1.0;
                 Some((middle(corner, self.on_edge(face, *one)), FaceState::Full))
@@ -127,8 +122,35 @@ impl Cutter {
         }
     }
 
+    /// How far the cut goes in a face that is crossed on its edge `one` only: as far as a line has come, or the border of the sheet.
+    fn deepest(&self, mesh: &TetMesh, face: FaceKey, one: usize) -> Option<FaceWeights> {
+        let found = [self.stroke.reach.get(&face), self.stroke.border.get(&face)].into_iter().flatten();
+        found.copied().max_by(|a, b| self.depth(mesh, face, one, *a).total_cmp(&self.depth(mesh, face, one, *b)))
+    }
+
+    /// Squared distance of a point of a face from the crossing on the face's edge `one`, m2.
+    fn depth(&self, mesh: &TetMesh, face: FaceKey, one: usize, w: FaceWeights) -> f64 {
+        let nodes = face.nodes().map(|n| mesh.rest(n));
+        let at = |w: FaceWeights| nodes[0] * w[0] + nodes[1] * w[1] + nodes[2] * w[2];
+        at(w).distance_squared(at(self.on_edge(face, one)))
+    }
+
+    /// Notes how far the present line has come in the faces that the sheet crosses on one edge only.
+    pub(crate) fn note_reach(&mut self, mesh: &TetMesh) {
+        let front: Vec<(FaceKey, FaceWeights)> = self.stroke.front.iter().map(|(f, w)| (*f, *w)).collect();
+        for (face, w) in front {
+            let edges = face.edges();
+            let crossed: SmallVec<[usize; 3]> = (0..3).filter(|&i| self.stroke.crossings.contains_key(&edges[i])).collect();
+            let [one] = crossed[..] else { continue };
+            let known = self.stroke.reach.get(&face);
+            if known.is_none_or(|r| self.depth(mesh, face, one, *r) < self.depth(mesh, face, one, w)) {
+                self.stroke.reach.insert(face, w);
+            }
+        }
+    }
+
     /// The pattern of a face: that of the hull when one of its nodes lies on the surface.
-    fn pattern(&self, _mesh: &TetMesh, face: FaceKey) -> CutPattern {
+    fn pattern(&self, face: FaceKey) -> CutPattern {
         if face.nodes().iter().any(|n| self.is_surface_node(*n)) { self.settings.hull } else { self.settings.core }
     }
 

@@ -5,6 +5,7 @@
 //! both triangles at a shared edge agree on. So an edge that the sheet crosses is crossed by exactly one triangle of it.
 
 use keyhole_tetmesh::DVec3;
+use smallvec::SmallVec;
 
 /// The smallest barycentric weight of a point on a face, and the smallest parameter of a crossing from its end: cut points slide along
 /// the edge that far rather than make a sliver. The same for all methods, so that they end in the same mesh.
@@ -80,6 +81,12 @@ impl Strip {
         &self.points[self.half..]
     }
 
+    /// The four corners of the strip between points `j` and `j + 1` of the line.
+    #[must_use]
+    pub fn quad(&self, j: usize) -> [DVec3; 4] {
+        [j, j + 1, self.half + j, self.half + j + 1].map(|i| self.points[i])
+    }
+
     /// Whether the line has not moved at all.
     #[must_use]
     pub fn is_still(&self) -> bool {
@@ -130,12 +137,11 @@ impl Strip {
         Some(Hit { t, side: sp })
     }
 
-    /// The segments of the given triangles: all of their edges, as pairs of points.
-    pub fn segments<'a>(&'a self, triangles: &'a [usize]) -> impl Iterator<Item = [DVec3; 2]> + 'a {
-        triangles.iter().flat_map(|&i| {
-            let [a, b, c] = self.corners(i);
-            [[a, b], [b, c], [c, a]]
-        })
+    /// The segment that a triangle has on one of the two lines, and whether it is the present one.
+    #[must_use]
+    pub fn rail(&self, triangle: usize) -> ([DVec3; 2], bool) {
+        let [i, j, k] = self.triangles[triangle];
+        if triangle.is_multiple_of(2) { ([self.points[i], self.points[j]], false) } else { ([self.points[k], self.points[j]], true) }
     }
 
     /// The paths of tip and heel in this step.
@@ -190,11 +196,24 @@ fn on_plane(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> bool {
 
 /// Area of a triangle inside a positive tetrahedron, by clipping (Sutherland & Hodgman 1974).
 fn clipped_area(triangle: [DVec3; 3], tet: [DVec3; 4]) -> f64 {
-    let mut polygon: Vec<DVec3> = triangle.to_vec();
+    // Most triangles are wholly beyond one face or inside all four.
+    let mut crosses = false;
+    for [i, j, k] in keyhole_tetmesh::FACES {
+        let n = (tet[j] - tet[i]).cross(tet[k] - tet[i]);
+        let out = triangle.iter().filter(|p| n.dot(**p - tet[i]) > 0.0).count();
+        if out == 3 {
+            return 0.0;
+        }
+        crosses |= out > 0;
+    }
+    if !crosses {
+        return (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).length() / 2.0;
+    }
+    let mut polygon: SmallVec<[DVec3; 8]> = triangle.into_iter().collect();
     for [i, j, k] in keyhole_tetmesh::FACES {
         let n = (tet[j] - tet[i]).cross(tet[k] - tet[i]);
         let height = |p: DVec3| n.dot(p - tet[i]);
-        let mut kept = Vec::with_capacity(polygon.len() + 1);
+        let mut kept: SmallVec<[DVec3; 8]> = SmallVec::new();
         for (m, &p) in polygon.iter().enumerate() {
             let q = polygon[(m + 1) % polygon.len()];
             let (hp, hq) = (height(p), height(q));

@@ -4,8 +4,7 @@ use crate::cutter::Cutter;
 use crate::stroke::CrossingState;
 use keyhole_tetmesh::quality::{is_positive, min_altitude};
 use keyhole_tetmesh::{EdgeKey, NodeId, TetId, TetMesh};
-use rustc_hash::FxHashSet;
-use smallvec::smallvec;
+use smallvec::{SmallVec, smallvec};
 
 /// A snap must leave every altitude of the tetrahedra around the node at least this part of what it was.
 const ALTITUDE_KEPT: f64 = 0.3;
@@ -21,7 +20,7 @@ struct Candidate {
 
 impl Cutter {
     /// Weighs the nodes whose crossings are final. Nearest to the sheet first; per node, so that neighbours agree.
-    pub(crate) fn snap(&mut self, mesh: &mut TetMesh, left: &[EdgeKey], affected: &mut FxHashSet<TetId>) {
+    pub(crate) fn snap(&mut self, mesh: &mut TetMesh, left: &[EdgeKey], affected: &mut Vec<TetId>) {
         let mut nodes: Vec<NodeId> = left.iter().flat_map(|e| e.nodes()).collect();
         nodes.sort_unstable();
         nodes.dedup();
@@ -42,7 +41,7 @@ impl Cutter {
             return None;
         }
         let mut nearest: Option<Candidate> = None;
-        for other in self.neighbours(node) {
+        for other in self.neighbours(mesh, node) {
             let edge = EdgeKey::new(node, other);
             let Some(c) = self.stroke.crossings.get(&edge) else { continue };
             match c.state {
@@ -59,50 +58,52 @@ impl Cutter {
         nearest
     }
 
-    fn snap_node(&mut self, mesh: &mut TetMesh, candidate: &Candidate, affected: &mut FxHashSet<TetId>) {
+    fn snap_node(&mut self, mesh: &mut TetMesh, candidate: &Candidate, affected: &mut Vec<TetId>) {
         let Candidate { node, other, .. } = *candidate;
         let edge = EdgeKey::new(node, other);
         let Some(crossing) = self.stroke.crossings.get(&edge).filter(|c| c.state == CrossingState::Recorded).copied() else { return };
         // The other end may have moved since the crossing was found; its crossings were dropped then, this one with them.
         let part = if edge.nodes()[0] == node { crossing.exact } else { 1.0 - crossing.exact };
         let place = mesh.rest(node).lerp(mesh.rest(other), part);
-        let around: Vec<TetId> = self.base.around_node(node).to_vec();
+        let around: Vec<TetId> = self.before.around_node(mesh.topology(), node).collect();
         let allowed = around.iter().all(|&t| {
-            let corners = self.base.corners(t);
+            let corners = self.before.corners(mesh.topology(), t);
             let now = corners.map(|n| mesh.rest(n));
             let then = corners.map(|n| if n == node { place } else { mesh.rest(n) });
             is_positive(then) && min_altitude(then) >= ALTITUDE_KEPT * min_altitude(now)
         });
-        let has_face_point = around
-            .iter()
-            .any(|&t| (0..4).any(|f| self.stroke.face_points.contains_key(&self.base.face_key(t, f)) && self.base.corners(t)[f] != node));
+        let has_face_point = around.iter().any(|&t| {
+            (0..4).any(|f| {
+                self.stroke.face_points.contains_key(&self.before.face_key(mesh.topology(), t, f))
+                    && self.before.corners(mesh.topology(), t)[f] != node
+            })
+        });
         if !allowed || has_face_point {
             return;
         }
         let side =
             self.stroke.node_sides.get(&node).copied().unwrap_or(if edge.nodes()[0] == node { crossing.side } else { -crossing.side });
         for &tet in &around {
-            let corners = self.base.corners(tet);
+            let corners = self.before.corners(mesh.topology(), tet);
             self.grid.remove(tet, corners.map(|n| mesh.rest(n)));
             self.grid.insert(tet, corners.map(|n| if n == node { place } else { mesh.rest(n) }));
         }
         mesh.move_node(node, place, smallvec![(node, 1.0 - part), (other, part)]);
-        self.stroke.on_sheet.insert(node, side);
-        for other in self.neighbours(node) {
-            if let Some(c) = self.stroke.crossings.get_mut(&EdgeKey::new(node, other)) {
-                c.state = CrossingState::Dropped;
-                c.settled = true;
-            }
-        }
-        affected.extend(around);
+        let neighbours = self.neighbours(mesh, node);
+        self.put_on_sheet(mesh, node, side, &neighbours, affected);
     }
 
     /// The nodes that share an edge with a node, ascending.
-    pub(crate) fn neighbours(&self, node: NodeId) -> Vec<NodeId> {
-        let mut nodes: Vec<NodeId> =
-            self.base.around_node(node).iter().flat_map(|t| self.base.corners(*t)).filter(|n| *n != node).collect();
+    pub(crate) fn neighbours(&self, mesh: &TetMesh, node: NodeId) -> SmallVec<[NodeId; 32]> {
+        let topology = mesh.topology();
+        let around = self.before.around_node(topology, node);
+        let mut nodes: SmallVec<[NodeId; 32]> = SmallVec::new();
+        for other in around.flat_map(|t| self.before.corners(topology, t)) {
+            if other != node && !nodes.contains(&other) {
+                nodes.push(other);
+            }
+        }
         nodes.sort_unstable();
-        nodes.dedup();
         nodes
     }
 }

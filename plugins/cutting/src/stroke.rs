@@ -1,9 +1,12 @@
 //! What one stroke has done so far: crossings, piercings, the base tetrahedra it touched and their children.
 
 use crate::kernel::{Child, Vertex};
-use crate::sheet::{CLEARANCE, Hit, Strip};
+use crate::meet::Occupied;
+use crate::release::FaceState;
+use crate::sheet::Strip;
 use keyhole_tetmesh::{DVec3, EdgeKey, FaceKey, NodeId, Tet, TetId};
 use rustc_hash::{FxHashMap, FxHashSet};
+use smallvec::SmallVec;
 
 /// How far a crossing has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,17 +41,18 @@ pub(crate) type FaceWeights = [f64; 3];
 pub(crate) struct Placed {
     pub key: Child,
     pub nodes: [NodeId; 4],
-    /// Its slot; `None` until it has been added, or when its nodes have changed.
+    /// Its slot; `None` until it has been added.
     pub id: Option<TetId>,
+    /// The side that it lies on, 0 when it is not known or on both.
+    pub label: i8,
 }
 
 /// A base tetrahedron that the stroke has touched.
 #[derive(Clone, Debug)]
 pub(crate) struct Touched {
-    pub corners: [NodeId; 4],
     pub tet: Tet,
-    pub faces: Vec<FaceKey>,
-    pub edges: Vec<EdgeKey>,
+    pub faces: SmallVec<[FaceKey; 4]>,
+    pub edges: SmallVec<[EdgeKey; 6]>,
     pub children: Vec<Placed>,
 }
 
@@ -56,7 +60,7 @@ pub(crate) struct Touched {
 #[derive(Clone, Debug)]
 pub(crate) struct SideNode {
     pub node: NodeId,
-    pub tags: Vec<NodeId>,
+    pub tags: SmallVec<[NodeId; 4]>,
 }
 
 /// Place of an edge in the global order of splitting: longer first, then by midpoint, then by id.
@@ -79,18 +83,21 @@ pub(crate) struct Stroke {
     pub border: FxHashMap<FaceKey, FaceWeights>,
     /// Where the present line pierces faces.
     pub front: FxHashMap<FaceKey, FaceWeights>,
+    /// How far lines have come in a face that the sheet crosses on one edge only: a blade that draws back does not heal it.
+    pub reach: FxHashMap<FaceKey, FaceWeights>,
     /// Base tetrahedra that the present line is in.
-    pub occupied: FxHashSet<TetId>,
+    pub occupied: Occupied,
     /// Released face points.
-    pub face_points: FxHashMap<FaceKey, FaceWeights>,
+    pub face_points: FxHashMap<FaceKey, (FaceWeights, FaceState)>,
     /// Nodes that were moved onto the sheet, with the side they were on before.
     pub on_sheet: FxHashMap<NodeId, i8>,
     /// Nodes whose crossings have been weighed for snapping.
     pub weighed: FxHashSet<NodeId>,
-    pub touched: FxHashMap<TetId, Touched>,
-    /// The base tetrahedron of each child.
-    pub parent: FxHashMap<TetId, TetId>,
-    pub sides: FxHashMap<Vertex, Vec<SideNode>>,
+    /// Touched base tetrahedra, by their place.
+    pub touched: Vec<Touched>,
+    /// Base tetrahedra whose corners' sides may have become known.
+    pub stale_labels: Vec<TetId>,
+    pub sides: FxHashMap<Vertex, SmallVec<[SideNode; 2]>>,
     /// The side of the sheet that each node near it is on, +1 or -1: the first crossing that tells decides.
     pub node_sides: FxHashMap<NodeId, i8>,
     /// Edges that the sheet has crossed, whether that was recorded or not.
@@ -103,6 +110,27 @@ impl Stroke {
     /// Whether nothing of the tissue is in the stroke's hands.
     pub fn is_empty(&self) -> bool {
         self.crossings.is_empty() && self.touched.is_empty()
+    }
+
+    /// Forgets all but the line; keeps the room.
+    pub fn clear(&mut self) {
+        self.crossings.clear();
+        self.ranks.clear();
+        self.unsettled.clear();
+        self.border.clear();
+        self.front.clear();
+        self.reach.clear();
+        self.occupied.tets.clear();
+        self.occupied.nodes.clear();
+        self.face_points.clear();
+        self.on_sheet.clear();
+        self.weighed.clear();
+        self.touched.clear();
+        self.stale_labels.clear();
+        self.sides.clear();
+        self.node_sides.clear();
+        self.hits.clear();
+        self.led_past.clear();
     }
 
     /// The crossing of an edge that is split.
@@ -165,35 +193,10 @@ impl Stroke {
     }
 }
 
-/// What a step of the sheet meets.
-#[derive(Debug, Default)]
-pub(crate) struct Meeting {
-    /// Base tetrahedra that the strip or the present line meets.
-    pub tets: Vec<TetId>,
-    /// Those that the present line is in.
-    pub occupied: FxHashSet<TetId>,
-    /// Where the strip crosses edges, at most once each; `t` from the node with the smaller id.
-    pub hits: FxHashMap<EdgeKey, Hit>,
-    pub front: FxHashMap<FaceKey, FaceWeights>,
-    pub border: FxHashMap<FaceKey, FaceWeights>,
-    /// Area of the strip inside the tissue, m2.
-    pub area: f64,
-}
-
-impl Meeting {
-    /// Keeps the hits of an edge. An edge hit twice in one step dips through the sheet and comes back: both of its ends are on one side, and the
-    /// sheet may as well pass it by.
-    pub fn record(&mut self, edge: EdgeKey, hits: &[Hit]) {
-        if hits.len() % 2 == 1 {
-            self.hits.insert(edge, hits[0]);
-        }
-    }
-}
-
 impl Crossing {
-    /// A crossing at parameter `t` from the node with the smaller id, which is on side `side`.
-    pub fn new(t: f64, side: i8) -> Self {
-        Self { t: t.clamp(CLEARANCE, 1.0 - CLEARANCE), exact: t, side, state: CrossingState::Recorded, settled: false }
+    /// A crossing at parameter `t` from the node with the smaller id, which is on side `side`; kept `clearance` from the ends.
+    pub fn new(t: f64, side: i8, clearance: f64) -> Self {
+        Self { t: t.clamp(clearance, 1.0 - clearance), exact: t, side, state: CrossingState::Recorded, settled: false }
     }
 }
 

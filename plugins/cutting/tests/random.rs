@@ -1,11 +1,13 @@
 //! Random meshes, strokes and degenerate positions, every invariant after every sample: a bounded run of what `fuzz/` runs for as long as
 //! one likes. `KEYHOLE_FUZZ_SAMPLES=1000000 cargo test --release -p keyhole-cutting --test random` runs a million samples.
 
-#[expect(dead_code, reason = "each test file uses a part of it")]
+#[path = "common/cases.rs"]
+mod cases;
+#[expect(dead_code, reason = "other tests use the rest of it")]
 mod common;
 
 use arbitrary::{Arbitrary, Unstructured};
-use common::random::{Case, run};
+use cases::{Case, run};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Samples that the test suite runs.
@@ -47,12 +49,4 @@ fn random_strokes_break_no_invariant() {
     }
     println!("{done} samples of {seed} cases");
     assert!(failed.is_empty(), "seeds {failed:?} break an invariant; the messages are above");
-}
-
-#[test]
-fn debug_one() {
-    let Some(seed) = std::env::var("SEED").ok().and_then(|v| v.parse::<u64>().ok()) else { return };
-    let c = case(seed);
-    eprintln!("{c:#?}");
-    run(&c);
 }

@@ -198,8 +198,7 @@ fn tissue_pulled_across_a_blade_at_rest_is_cut_like_tissue_at_rest_under_a_movin
             let tissue = Tissue { positions: &positions, velocities: &velocities, dt_s: 1.0 / 60.0 };
             let (steps, left) = map.steps(&mesh, &cutter, tissue, blade(if pulled { start } else { start + moved }));
             for s in steps {
-                let seeds = cutter.tets_at(&mesh, &s.inside);
-                cutter.advance(&mut mesh, &s.line, &seeds);
+                cutter.advance(&mut mesh, &s);
             }
             if left {
                 cutter.end_stroke(&mut mesh);

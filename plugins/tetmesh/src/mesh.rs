@@ -4,6 +4,7 @@ use crate::delta::{AddedTet, NodeEdit, NodeWeights, TopologyDelta};
 use crate::ids::{MaterialId, NodeId, TetId};
 use crate::topology::Topology;
 use glam::DVec3;
+use rustc_hash::FxHashMap;
 
 /// What a tetrahedron carries besides its nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,6 +29,8 @@ pub struct TetMesh {
     topology: Topology,
     tets: Vec<Tet>,
     delta: TopologyDelta,
+    /// Where in the delta an added tetrahedron is.
+    added_at: FxHashMap<TetId, usize>,
     free_nodes: Vec<NodeId>,
     free_tets: Vec<TetId>,
     freed_nodes: Vec<NodeId>,
@@ -209,6 +212,7 @@ impl TetMesh {
             self.tets[id.index()] = tet;
         }
         self.topology.insert(id, nodes);
+        self.added_at.insert(id, self.delta.added.len());
         self.delta.added.push(AddedTet { tet: id, nodes });
         id
     }
@@ -222,8 +226,11 @@ impl TetMesh {
     /// Removes a tetrahedron but keeps its slot and its attributes reserved until [`TetMesh::release_tet`].
     pub fn retire_tet(&mut self, tet: TetId) {
         self.topology.remove(tet);
-        if let Some(i) = self.delta.added.iter().rposition(|a| a.tet == tet) {
+        if let Some(i) = self.added_at.remove(&tet) {
             self.delta.added.swap_remove(i);
+            if let Some(moved) = self.delta.added.get(i) {
+                self.added_at.insert(moved.tet, i);
+            }
         } else {
             self.delta.removed.push(tet);
         }
@@ -245,6 +252,7 @@ impl TetMesh {
     pub fn take_delta(&mut self) -> TopologyDelta {
         self.free_nodes.append(&mut self.freed_nodes);
         self.free_tets.append(&mut self.freed_tets);
+        self.added_at.clear();
         std::mem::take(&mut self.delta)
     }
 

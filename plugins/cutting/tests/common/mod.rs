@@ -1,8 +1,6 @@
 //! Meshes, strokes and an oracle for the tests of cutting. The oracle looks at points and tetrahedra alone and shares no code with the
 //! kernel.
 
-pub mod random;
-
 use keyhole_cutting::Cutter;
 use keyhole_tetmesh::{DVec3, TetMesh};
 use keyhole_whiteboard::{CutMethod, CutPattern, CutSettings};
@@ -63,8 +61,7 @@ pub fn line(tip: DVec3, heel: DVec3, h: f64) -> Vec<DVec3> {
 
 /// One step of a blade whose line is given in the rest shape.
 pub fn step(cutter: &mut Cutter, mesh: &mut TetMesh, line: &[DVec3]) -> keyhole_cutting::StepReport {
-    let seeds = cutter.tets_at(mesh, line);
-    cutter.advance(mesh, line, &seeds)
+    cutter.advance(mesh, line)
 }
 
 /// What the oracle measured.

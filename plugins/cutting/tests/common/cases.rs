@@ -1,7 +1,7 @@
 //! Random cases for the kernel: a mesh, settings and strokes drawn from bytes, run with every invariant checked after every sample. The
 //! bounded run of the test suite, the long run and the fuzzer share this file.
 
-use super::{Verdict, block, line, verdict};
+use crate::common::{Verdict, block, line, verdict};
 use arbitrary::{Arbitrary, Result, Unstructured};
 use keyhole_cutting::Cutter;
 use keyhole_tetmesh::{DVec3, NodeEdit, NodeId, TetId, TetMesh, TopologyDelta};
@@ -72,10 +72,12 @@ fn drawn(u: &mut Unstructured, cubes: [usize; 3]) -> Result<Drawn> {
             let (mut low, mut high) = (tip, tip);
             low[across] = -0.5;
             high[across] = size[across] + 0.5;
-            let at = |x: f64| [low, high].map(|mut p| {
-                p[axis] = x;
-                p
-            });
+            let at = |x: f64| {
+                [low, high].map(|mut p| {
+                    p[axis] = x;
+                    p
+                })
+            };
             places = vec![at(-0.5), at(size[axis] + 0.5)];
         }
         // Trembling: to and fro about a place, drifting.
@@ -186,9 +188,9 @@ pub fn run(case: &Case) -> usize {
                 let s = k as f64 / parts as f64;
                 let [tip, heel] = [last[0].lerp(place[0], s) * H, last[1].lerp(place[1], s) * H];
                 let count = cutter.line_points();
-                let points = count.map_or_else(|| line(tip, heel, H), |n| (0..n).map(|i| tip.lerp(heel, i as f64 / (n - 1) as f64)).collect());
-                let seeds = cutter.tets_at(&mesh, &points);
-                cutter.advance(&mut mesh, &points, &seeds);
+                let points =
+                    count.map_or_else(|| line(tip, heel, H), |n| (0..n).map(|i| tip.lerp(heel, i as f64 / (n - 1) as f64)).collect());
+                cutter.advance(&mut mesh, &points);
                 samples += 1;
                 opened = check(&mut mesh, &cutter, &before, &mut observer, case, opened);
             }
@@ -210,10 +212,6 @@ pub fn run(case: &Case) -> usize {
 /// The invariants. Returns the opened area, m2.
 fn check(mesh: &mut TetMesh, cutter: &Cutter, before: &Verdict, observer: &mut Observer, case: &Case, opened: f64) -> f64 {
     let delta = mesh.take_delta();
-    if std::env::var("SEED").is_ok() {
-        let v = verdict(mesh);
-        eprintln!("removed {} added {} nodes {} | opened {:e} grown {:e} frags {} cutting {} ops {:?}", delta.removed.len(), delta.added.len(), delta.nodes.len(), cutter.opened_m2(mesh), (v.boundary_area - before.boundary_area) / 2.0, v.fragments, cutter.is_cutting(), cutter.operations());
-    }
     let area = cutter.opened_m2(mesh);
     if delta.is_empty() {
         return area;
@@ -223,8 +221,9 @@ fn check(mesh: &mut TetMesh, cutter: &Cutter, before: &Verdict, observer: &mut O
     assert!((now.volume - before.volume).abs() <= 1e-12 * before.volume, "volume {} became {}", before.volume, now.volume);
     let grown = (now.boundary_area - before.boundary_area) / 2.0;
     assert!((grown - area).abs() <= 1e-9 * before.boundary_area, "the boundary grew by {grown} a side, {area} is said to be open");
-    if case.settings.method == CutMethod::Progressive && std::env::var("SHRINK").is_ok() {
-        assert!(area >= opened - 1e-9 * before.boundary_area, "the cut closed from {opened} to {area} m2");
+    // What is open stays open, but for the straightening of its edge as the sheet is found to run right through a tetrahedron.
+    if case.settings.method == CutMethod::Progressive {
+        assert!(area >= opened - 0.5 * H * H, "the cut closed from {opened} to {area} m2");
     }
     area
 }

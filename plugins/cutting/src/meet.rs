@@ -1,0 +1,187 @@
+//! Search: everything that one step of the sheet meets, walking over base tetrahedra from those it met last and from where it enters. The cost
+//! depends on what is met, not on the mesh.
+
+use crate::cutter::Cutter;
+use crate::sheet::{Aabb, Hit, Strip, contains, pierce};
+use crate::stroke::FaceWeights;
+use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh};
+use rustc_hash::{FxHashMap, FxHashSet};
+
+/// What a step of the sheet meets.
+#[derive(Debug, Default)]
+pub(crate) struct Meeting {
+    /// Base tetrahedra that the present line is in.
+    pub occupied: Occupied,
+    /// Where the strip crosses edges, at most once each; `t` from the node with the smaller id.
+    pub hits: FxHashMap<EdgeKey, Hit>,
+    /// Where the present line pierces faces.
+    pub front: FxHashMap<FaceKey, FaceWeights>,
+    /// Where the paths of tip and heel pierce faces.
+    pub border: FxHashMap<FaceKey, FaceWeights>,
+    /// Area of the strip inside the tissue, m2.
+    pub area: f64,
+}
+
+/// Base tetrahedra that a line is in, and their nodes.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Occupied {
+    pub tets: FxHashSet<TetId>,
+    pub nodes: FxHashSet<NodeId>,
+}
+
+impl Occupied {
+    fn insert(&mut self, tet: TetId, corners: [NodeId; 4]) {
+        if self.tets.insert(tet) {
+            self.nodes.extend(corners);
+        }
+    }
+}
+
+impl Meeting {
+    /// Keeps the hits of an edge. An edge hit twice in one step dips through the sheet and comes back: both of its ends are on one side, and the
+    /// sheet may as well pass it by.
+    fn record(&mut self, edge: EdgeKey, hits: &[Hit]) {
+        if hits.len() % 2 == 1 {
+            self.hits.insert(edge, hits[0]);
+        }
+    }
+
+    /// Keeps where the border of the strip goes through a face. What of the strip goes through a face without crossing an edge of it ends there.
+    fn pierce(&mut self, strip: &Strip, key: FaceKey, face: [DVec3; 3], near: &[usize]) -> Option<Pierced> {
+        let bounds = Aabb::of(&face);
+        let through = |[p, q]: [DVec3; 2]| if Aabb::of(&[p, q]).overlaps(&bounds) { pierce(face, p, q) } else { None };
+        let (mut by_line, mut by_other) = (false, false);
+        for &triangle in near {
+            let (segment, is_now) = strip.rail(triangle);
+            let Some(w) = through(segment) else { continue };
+            if is_now {
+                self.front.insert(key, w);
+                by_line = true;
+            } else {
+                by_other = true;
+            }
+        }
+        for end in strip.ends() {
+            if let Some(w) = through(end) {
+                self.border.insert(key, w);
+                by_other = true;
+            }
+        }
+        if by_line { Some(Pierced::ByLine) } else { by_other.then_some(Pierced::ByOther) }
+    }
+}
+
+/// What of the border of a strip goes through a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pierced {
+    /// The present line.
+    ByLine,
+    /// The line before, or the paths of the ends.
+    ByOther,
+}
+
+/// Base tetrahedra to look at, each once.
+#[derive(Default)]
+struct Queue {
+    tets: Vec<TetId>,
+    seen: FxHashSet<TetId>,
+}
+
+impl Queue {
+    fn push(&mut self, tet: TetId) {
+        if self.seen.insert(tet) {
+            self.tets.push(tet);
+        }
+    }
+}
+
+impl Cutter {
+    /// Everything that a strip meets.
+    pub(crate) fn meet(&self, mesh: &TetMesh, strip: &Strip) -> Meeting {
+        let topology = mesh.topology();
+        let mut meeting = Meeting::default();
+        let mut queue = Queue::default();
+        let mut tested: FxHashMap<EdgeKey, bool> = FxHashMap::default();
+        let mut pierced: FxHashMap<FaceKey, Option<Pierced>> = FxHashMap::default();
+        let mut known: Vec<TetId> = self.stroke.occupied.tets.iter().copied().collect();
+        known.sort_unstable();
+        for tet in known {
+            queue.push(tet);
+        }
+        self.seed(mesh, strip, &mut queue);
+        let (mut near, mut hits) = (Vec::new(), Vec::new());
+        let mut next = 0;
+        while let Some(&tet) = queue.tets.get(next) {
+            next += 1;
+            if !self.before.contains(topology, tet) {
+                continue;
+            }
+            let corners = self.before.corners(topology, tet);
+            let points = corners.map(|n| mesh.rest(n));
+            let bounds = Aabb::of(&points);
+            strip.near(&bounds, &mut near);
+            if near.is_empty() {
+                continue;
+            }
+            let mut meets = false;
+            for [i, j] in EDGES {
+                let edge = EdgeKey::new(corners[i], corners[j]);
+                meets |= *tested.entry(edge).or_insert_with(|| {
+                    let [a, b] = edge.nodes();
+                    hits.clear();
+                    strip.crossings(mesh.rest(a), mesh.rest(b), &near, &mut hits);
+                    meeting.record(edge, &hits);
+                    if !hits.is_empty() {
+                        for t in self.before.around_edge(topology, a, b) {
+                            queue.push(t);
+                        }
+                    }
+                    !hits.is_empty()
+                });
+            }
+            for face in 0..4 {
+                let key = self.before.face_key(topology, tet, face);
+                let pierced = pierced.entry(key).or_insert_with(|| {
+                    let pierced = meeting.pierce(strip, key, key.nodes().map(|n| mesh.rest(n)), &near);
+                    if pierced.is_some() {
+                        for other in self.before.around_face(topology, key) {
+                            queue.push(other);
+                        }
+                    }
+                    pierced
+                });
+                meets |= pierced.is_some();
+                if *pierced == Some(Pierced::ByLine) {
+                    meeting.occupied.insert(tet, corners);
+                }
+            }
+            if strip.now().iter().any(|p| Aabb::of(&[*p]).overlaps(&bounds) && contains(points, *p)) {
+                meeting.occupied.insert(tet, corners);
+                meets = true;
+            }
+            if meets {
+                meeting.area += strip.area_inside(points, &near);
+            }
+        }
+        meeting
+    }
+
+    /// Where a walk begins: the tetrahedra that hold the points of the present line, and all near the parts of the strip that are not deep in tissue
+    /// from end to end, for there the strip may meet a corner of it between two points, or a piece that an earlier cut has parted from the others.
+    fn seed(&self, mesh: &TetMesh, strip: &Strip, queue: &mut Queue) {
+        let mut deep_before = false;
+        for (j, point) in strip.now().iter().enumerate() {
+            let holder = self.tet_at(mesh, *point);
+            if let Some(tet) = holder {
+                queue.push(tet);
+            }
+            let deep = holder.is_some_and(|t| !self.before.corners(mesh.topology(), t).iter().any(|n| self.is_surface_node(*n)));
+            if j > 0 && !(deep_before && deep) {
+                for tet in self.grid.touching(&strip.quad(j - 1)) {
+                    queue.push(tet);
+                }
+            }
+            deep_before = deep;
+        }
+    }
+}
