@@ -51,6 +51,8 @@ pub struct Cutter {
     pub(crate) operations: Operations,
     /// Lists of children to use again.
     pub(crate) spare: Vec<Vec<Placed>>,
+    kerf_m: f64,
+    removed_m3: f64,
     committed_area_m2: f64,
     mean_edge_m: f64,
     longest_edge_m: f64,
@@ -93,6 +95,8 @@ impl Cutter {
             settings: CutSettings::default(),
             operations: Operations::default(),
             spare: Vec::new(),
+            kerf_m: 0.0,
+            removed_m3: 0.0,
             committed_area_m2: 0.0,
             mean_edge_m,
             longest_edge_m,
@@ -131,6 +135,17 @@ impl Cutter {
         if self.stroke.is_empty() {
             self.settings = settings;
         }
+    }
+
+    /// Takes away this thickness of tissue (m) along the cut when the stroke ends; 0 for a cold blade.
+    pub fn set_kerf(&mut self, kerf_m: f64) {
+        self.kerf_m = kerf_m;
+    }
+
+    /// Rest volume that was taken away since the cutter was made, m3.
+    #[must_use]
+    pub fn removed_m3(&self) -> f64 {
+        self.removed_m3
     }
 
     /// Operations since the cutter was made.
@@ -321,6 +336,7 @@ impl Cutter {
             self.grid.remove(base, corners.map(|n| mesh.rest(n)));
             mesh.release_tet(base);
         }
+        self.removed_m3 += self.draw_back(mesh, self.kerf_m);
         self.has_cut |= !self.stroke.touched.is_empty();
         self.renew_hull(mesh);
         for mut touched in self.stroke.touched.drain(..) {

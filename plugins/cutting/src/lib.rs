@@ -6,6 +6,7 @@ pub mod blade;
 pub mod cutter;
 pub mod fragment;
 mod grid;
+mod kerf;
 pub mod kernel;
 mod locate;
 pub mod material_map;

@@ -86,6 +86,7 @@ fn cut_organs(
         }
         let Some((_, pose, blade)) = blade else { continue };
         organ.cutter.set_settings(*settings);
+        organ.cutter.set_kerf(f64::from(blade.kerf_m));
         let tissue = Tissue { positions: &state.positions, velocities: &state.velocities, dt_s: time.delta_secs() };
         organ.cut(&mut mesh, tissue, world_line(pose, blade), &mut status);
         cutting |= organ.map.has_begun();

@@ -398,7 +398,7 @@ impl Cutter {
     }
 
     /// Whether a face of a child is a part of a face of its base that had nothing beyond it.
-    fn was_boundary(&self, mesh: &TetMesh, base: TetId, face: [Vertex; 3]) -> bool {
+    pub(crate) fn was_boundary(&self, mesh: &TetMesh, base: TetId, face: [Vertex; 3]) -> bool {
         let topology = mesh.topology();
         (0..4).map(|f| self.before.face_key(topology, base, f)).any(|key| {
             let nodes = key.nodes();

@@ -206,6 +206,30 @@ fn tissue_that_deforms_strongly_is_cut_in_two() {
     }
 }
 
+/// A hook that burns a gap: the volume of its sheet times the thickness is gone, nothing else, and the pieces are those of a cold blade.
+#[test]
+fn a_kerf_takes_away_its_thickness_along_the_cut() {
+    let kerf = 0.08 * H;
+    for method in METHODS {
+        let mut mesh = block(CUBES, H, 0.2);
+        let volume = verdict(&mesh).volume;
+        let mut cutter = cutter(&mesh, method, 0.2);
+        cutter.set_kerf(kerf);
+        for k in 0..=80 {
+            let x = -0.5 + 0.1 * f64::from(k);
+            let [tip, heel] = across(x, 2.1 + 0.02 * x, -0.5).map(|p| p * H);
+            step(&mut cutter, &mut mesh, &line(tip, heel, H));
+        }
+        cutter.end_stroke(&mut mesh);
+        mesh.take_delta();
+        let end = verdict(&mesh);
+        assert_eq!(end.fragments, 2, "{method:?}: {:?}", end.volumes);
+        let (lost, expected) = (volume - end.volume, kerf * SIZE.x * SIZE.y);
+        assert!((lost - cutter.removed_m3()).abs() < 1e-9 * volume, "{method:?}: {lost} m3 gone, {} said to be", cutter.removed_m3());
+        assert!((lost / expected - 1.0).abs() < 0.15, "{method:?}: {lost} of {expected} m3");
+    }
+}
+
 /// A hundred strokes through one place, no two alike: children of children of children.
 #[test]
 fn a_hundred_strokes_in_one_place() {
