@@ -137,7 +137,7 @@ fn how_often_the_blade_is_sampled_does_not_decide_what_is_cut() {
         for rate in [0.5, 0.1, 0.05, 0.02] {
             let (other, area) = cut(rate);
             assert!(
-                other == pieces && (area / opened - 1.0).abs() < 1e-6,
+                other == pieces && (area / opened - 1.0).abs() < 1e-3,
                 "{stroke:?}, {rate}: {other} pieces, {area} mm2, not {pieces}, {opened}"
             );
         }

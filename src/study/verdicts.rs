@@ -37,7 +37,7 @@ pub(crate) fn lag(study: &Study) -> Markup {
             "Paper: the non-progressive wound visibly trails behind the blade, that of progressive and hybrid does not. Here, on average of all cuts and moments, non-progressive trails by more than half an edge: "
             (verdict(trails)) ", the others by no more than a sample: " (verdict(within)) ". The largest lag of the others is " (format!("{worst:.2}"))
             " of an edge, of non-progressive " (format!("{:.1}", rates.iter().map(|r| largest(CutMethod::NonProgressive, *r)).fold(0.0, f64::max)))
-            " edges. A blade that has entered through the inside of a face has no wound yet until it crosses the first edge: there every method lags."
+            " edges. A blade that has entered through the inside of a face, or goes on through one of an earlier cut, has no wound there until it crosses an edge: then every method lags."
         }
         (table(&["method", "rate", "mean lag / edge", "largest lag / edge", "where"], &rows))
     }
@@ -113,7 +113,10 @@ pub(crate) fn growth(study: &Study) -> Markup {
                 (format!("{:.1}", c.symmetric.parts_a_tet())) " parts of each on average, minimal " (format!("{:.1}", c.hybrid_unsnapped.parts_a_tet()))
                 " without snapping; a growth of " (PAPER_HYBRID) " allows " (format!("{:.1}", c.parts_allowed())) ". Snapping cuts fewer of them ("
                 (percent(c.hybrid.cut_share())) "), but only where the blade has settled before anything is released: in the hull, which is "
-                (percent(1.0 - c.symmetric.core_share())) " of what is cut there, hybrid releases at once. The growth is set by how much of the mesh is cut: the finer "
+                (percent(1.0 - c.symmetric.core_share())) " of what is cut there, hybrid releases at once. Of the whole difference the pattern makes "
+                (format!("{:.2}", c.symmetric.end().growth - c.minimal.end().growth)) " (progressive with minimal patterns grows to " (g(c.minimal))
+                "), the release " (format!("{:.2}", c.minimal.end().growth - c.hybrid_unsnapped.end().growth)) ", snapping, which waiting makes possible, "
+                (format!("{:.2}", c.hybrid_unsnapped.end().growth - c.hybrid.end().growth)) ". The growth is set by how much of the mesh is cut: the finer "
                 "the mesh, the smaller."
             }
         }

@@ -234,7 +234,10 @@ impl BatchCut {
         if at.is_empty() {
             return 0.0;
         }
-        let wound = self.cutter.wound_points(&self.mesh);
+        let mut wound = self.cutter.wound_points(&self.mesh);
+        // Where the sheet goes through nodes of the surface, the wound does.
+        let through = self.cutter.stroke.on_sheet.keys().filter(|n| self.cutter.is_surface_node(**n));
+        wound.extend(through.map(|n| self.mesh.rest(*n)));
         if wound.is_empty() {
             let ends = self.last.map(|l| [l.tip, l.heel]).unwrap_or_default();
             let entered = self.entered.unwrap_or(ends);
