@@ -24,8 +24,7 @@ fn cut_unsteadily(mesh: &mut TetMesh) {
         let end = |y: f64, phase: f64| low + size * DVec3::new(1.2 * s - 0.1, y, 0.5) + DVec3::Z * shake(s, phase);
         let (tip, heel) = (end(-0.1, 0.4), end(1.1, 1.7));
         let line: Vec<DVec3> = (0..=points).map(|i| tip.lerp(heel, i as f64 / points as f64)).collect();
-        let seeds = cutter.tets_at(mesh, &line);
-        cutter.advance(mesh, &line, &seeds);
+        cutter.advance(mesh, &line);
     }
     cutter.end_stroke(mesh);
 }
