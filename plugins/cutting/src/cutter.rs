@@ -357,7 +357,7 @@ impl Cutter {
         let mut changed: Vec<NodeId> = Vec::new();
         for node in self.stroke.sides.values().flatten().map(|s| s.node) {
             let now = mesh.topology().is_boundary_node(node);
-            self.on_wound[node.index()] = now;
+            self.on_wound[node.index()] = true;
             if now != std::mem::replace(&mut self.on_surface[node.index()], now) {
                 changed.push(node);
             }

@@ -90,18 +90,21 @@ fn draw_back(mesh: &mut TetMesh, node: NodeId, way: DVec3) -> f64 {
     lost
 }
 
-/// A point near a node as weights of the nodes of the tetrahedron around it that holds the point, or comes nearest to.
+/// A point near a node as weights of the nodes of a tetrahedron around it: the largest one that holds the point or nearly so, for in a flat one
+/// weights mean little, or else the one that comes nearest to it.
 fn tissue_at(mesh: &TetMesh, around: &[TetId], point: DVec3) -> Option<NodeWeights> {
-    let weights = |t: &TetId| {
+    let weighed = |t: &TetId| {
         let p = mesh.points(*t);
-        let whole = keyhole_tetmesh::quality::volume(p);
-        let w: [f64; 4] = std::array::from_fn(|i| {
+        let parts: [f64; 4] = std::array::from_fn(|i| {
             let mut q = p;
             q[i] = point;
-            keyhole_tetmesh::quality::volume(q) / whole
+            keyhole_tetmesh::quality::volume(q)
         });
-        (w.into_iter().fold(f64::INFINITY, f64::min), *t, w)
+        let whole: f64 = parts.iter().sum();
+        let w = parts.map(|v| v / whole);
+        let least = w.into_iter().fold(f64::INFINITY, f64::min);
+        ((least.min(-0.1), whole), *t, w)
     };
-    let best = around.iter().map(weights).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
+    let best = around.iter().map(weighed).max_by(|a, b| a.0.0.total_cmp(&b.0.0).then(a.0.1.total_cmp(&b.0.1)).then(b.1.cmp(&a.1)))?;
     Some(mesh.corners(best.1).into_iter().zip(best.2).collect())
 }

@@ -21,6 +21,9 @@ impl Plugin for CuttingPlugin {
     }
 }
 
+/// A blade that stops cutting and begins again within this part of an edge goes on with its stroke.
+const PAUSE: f64 = 1.0;
+
 /// The cutter of an organ and what it knows of the blade in it.
 #[derive(Component)]
 struct OrganCutter {
@@ -77,6 +80,15 @@ fn cut_organs(
         let organ = &mut *organ;
         if active.is_empty() && !organ.map.has_begun() && !organ.cutter.is_cutting() {
             organ.map.reset();
+            continue;
+        }
+        if let Some((_, pose, blade)) = organ.blade.and_then(|b| blades.get(b).ok())
+            && active.is_empty()
+            && organ.map.has_begun()
+            && organ.map.strayed_m(world_line(pose, blade)) < PAUSE * organ.cutter.mean_edge_m()
+        {
+            // It rests in its cut: the stroke goes on when it cuts again.
+            cutting = true;
             continue;
         }
         let blade = active.iter().find(|b| Some(b.0) == organ.blade).or_else(|| active.first());

@@ -206,6 +206,38 @@ fn tissue_that_deforms_strongly_is_cut_in_two() {
     }
 }
 
+/// A blade that stops cutting in the tissue, is moved about by less than an edge, and begins to cut again goes on with its stroke.
+#[test]
+fn a_blade_that_pauses_and_goes_on_leaves_no_bridge() {
+    for method in METHODS {
+        let mut mesh = block(CUBES, H, 0.2);
+        let mut cutter = cutter(&mesh, method, 0.2);
+        // It cuts for four ticks out of five; in the fifth it goes back a little, not cutting: the map is not asked.
+        let mut map = MaterialMap::default();
+        let mut positions: Vec<_> = mesh.rest_positions().iter().map(|p| p.as_vec3()).collect();
+        for i in 0..=110 {
+            let x = SIZE.x * (-0.3 + 1.6 * f64::from(i) / 110.0) - if i % 5 == 0 { 0.4 * H } else { 0.0 };
+            if i % 5 == 4 {
+                assert!(map.strayed_m(straight(x)) < cutter.mean_edge_m());
+                continue;
+            }
+            let velocities = vec![Default::default(); positions.len()];
+            let tissue = Tissue { positions: &positions, velocities: &velocities, dt_s: 1.0 / 60.0 };
+            let (steps, left) = map.steps(&mesh, &cutter, tissue, straight(x));
+            for s in steps {
+                cutter.advance(&mut mesh, &s);
+            }
+            if left {
+                cutter.end_stroke(&mut mesh);
+            }
+            mesh.take_delta();
+            positions = mesh.rest_positions().iter().map(|p| p.as_vec3()).collect();
+        }
+        let end = verdict(&mesh);
+        assert_eq!(end.fragments, 2, "{method:?}: {:?}", end.volumes);
+    }
+}
+
 /// A hook that burns a gap: the volume of its sheet times the thickness is gone, nothing else, and the pieces are those of a cold blade.
 #[test]
 fn a_kerf_takes_away_its_thickness_along_the_cut() {
