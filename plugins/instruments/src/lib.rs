@@ -1,6 +1,6 @@
 //! Instruments: trocar kinematics, the trainee's hands on mouse and keyboard, the scripted demonstration, tool models, jaws and blades.
 //!
-//! [`kinematics`], [`hands`], [`script`], [`line`] and [`tools`] are plain functions over plain data; [`plugin`] is the glue. Whatever moves an
+//! [`kinematics`], [`hands`], [`script`], [`mod@line`] and [`tools`] are plain functions over plain data; [`plugin`] is the glue. Whatever moves an
 //! instrument, a mouse or a script, moves its [`TrocarState`], and the pose follows from that alone: the shaft cannot leave its port.
 
 pub mod error;
