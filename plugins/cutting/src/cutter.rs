@@ -166,12 +166,6 @@ impl Cutter {
         !self.stroke.is_empty()
     }
 
-    /// The base tetrahedron that a tetrahedron of the mesh is a part of.
-    #[must_use]
-    pub fn base_of(&self, tet: TetId) -> TetId {
-        self.before.parent(tet).unwrap_or(tet)
-    }
-
     /// A base tetrahedron that holds a point of the rest shape (m).
     #[must_use]
     pub fn tet_at(&self, mesh: &TetMesh, point: DVec3) -> Option<TetId> {
