@@ -8,8 +8,8 @@
 mod common;
 
 use common::{block, settings};
-use keyhole_cutting::Cutter;
 use keyhole_cutting::material_map::{MaterialMap, Tissue, WorldLine};
+use keyhole_cutting::{BladeId, Cutter};
 use keyhole_tetmesh::{DVec3, TetMesh};
 use keyhole_whiteboard::{CutMethod, CutPattern};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
@@ -81,7 +81,7 @@ fn run(cubes: [usize; 3], method: CutMethod) {
             let tissue = Tissue { positions: &positions, velocities: &velocities, dt_s: 1.0 / 60.0 };
             let (steps, left) = map.steps(&mesh, &cutter, tissue, line);
             for s in steps {
-                swept += cutter.advance(&mut mesh, &s).swept_m2;
+                swept += cutter.advance(&mut mesh, BladeId(0), &s).swept_m2;
             }
             if left {
                 cutter.end_stroke(&mut mesh);

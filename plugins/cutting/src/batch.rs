@@ -3,6 +3,7 @@
 //! [`BatchCut::step`] moves the blade and costs what the cut costs. [`BatchCut::sample`] also looks at the whole mesh for a row of figures.
 
 use crate::blade::BladeSample;
+use crate::course::BladeId;
 use crate::cutter::{Cutter, Operations, StepReport};
 use keyhole_tetmesh::components::Components;
 use keyhole_tetmesh::quality::{Quality, of_tets};
@@ -169,9 +170,9 @@ impl BatchCut {
         let last = self.last.map_or((tip, heel), |l| (l.tip, l.heel));
         let length = tip.distance(heel).max(last.0.distance(last.1));
         let count = (length / (0.35 * self.cutter.mean_edge_m())).ceil().clamp(1.0, 255.0) as usize;
-        let count = self.cutter.line_points().unwrap_or(count + 1);
+        let count = self.cutter.line_points(BladeId(0)).unwrap_or(count + 1);
         let line: Vec<DVec3> = (0..count).map(|i| tip.lerp(heel, i as f64 / (count - 1) as f64)).collect();
-        add(done, self.cutter.advance(&mut self.mesh, &line));
+        add(done, self.cutter.advance(&mut self.mesh, BladeId(0), &line));
     }
 
     /// Stops the clock and takes down what the sample changed.

@@ -1,9 +1,10 @@
 //! The cutter of one organ: takes the blade's line step by step, in the rest shape, and edits the mesh.
 
 use crate::before::Before;
+use crate::course::{BladeId, Course};
 use crate::grid::RestGrid;
-use crate::sheet::{Aabb, Strip, contains};
-use crate::stroke::{Placed, Stroke, starting_strip};
+use crate::sheet::{Aabb, contains};
+use crate::stroke::{Placed, Stroke};
 use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh};
 use keyhole_whiteboard::CutSettings;
 
@@ -18,6 +19,18 @@ pub struct Operations {
     pub updated: u64,
     /// Events taken back because a tetrahedron would not have been positive.
     pub deferred: u64,
+}
+
+impl Operations {
+    /// Those since an earlier count.
+    pub(crate) fn since(self, before: Self) -> Self {
+        Self {
+            deleted: self.deleted - before.deleted,
+            created: self.created - before.created,
+            updated: self.updated - before.updated,
+            deferred: self.deferred - before.deferred,
+        }
+    }
 }
 
 impl std::ops::AddAssign for Operations {
@@ -46,23 +59,20 @@ pub struct Cutter {
     pub(crate) on_surface: Vec<bool>,
     /// By node: whether an earlier stroke has made it a node of its cut.
     pub(crate) on_wound: Vec<bool>,
+    /// The blades that cut or have cut.
+    pub(crate) courses: Vec<Course>,
     pub(crate) stroke: Stroke,
     pub(crate) settings: CutSettings,
     pub(crate) operations: Operations,
     /// Lists of children to use again.
     pub(crate) spare: Vec<Vec<Placed>>,
-    kerf_m: f64,
-    removed_m3: f64,
-    committed_area_m2: f64,
+    pub(crate) removed_m3: f64,
+    pub(crate) committed_area_m2: f64,
     mean_edge_m: f64,
     longest_edge_m: f64,
     landmarks: Vec<NodeId>,
-    has_cut: bool,
+    pub(crate) has_cut: bool,
 }
-
-/// The blade's line is moved off special positions by this part of an edge, by an amount of its own for each point, so that it does
-/// not run exactly through nodes of a regular mesh. Far below any length that matters, far above rounding.
-const GENERIC: f64 = 1e-7;
 
 impl Cutter {
     /// A cutter for a mesh as it is now. Looks at the whole mesh once.
@@ -91,11 +101,11 @@ impl Cutter {
             grid,
             on_wound: vec![false; on_surface.len()],
             on_surface,
+            courses: Vec::new(),
             stroke: Stroke::default(),
             settings: CutSettings::default(),
             operations: Operations::default(),
             spare: Vec::new(),
-            kerf_m: 0.0,
             removed_m3: 0.0,
             committed_area_m2: 0.0,
             mean_edge_m,
@@ -137,9 +147,18 @@ impl Cutter {
         }
     }
 
-    /// Takes away this thickness of tissue (m) along the cut when the stroke ends; 0 for a cold blade.
-    pub fn set_kerf(&mut self, kerf_m: f64) {
-        self.kerf_m = kerf_m;
+    /// Lets a blade take away this thickness of tissue (m) along its cut when the stroke ends; 0 for a cold one.
+    pub fn set_kerf(&mut self, blade: BladeId, kerf_m: f64) {
+        let course = self.course(blade);
+        self.courses[course].kerf_m = kerf_m;
+    }
+
+    /// The place of a blade among those known.
+    pub(crate) fn course(&mut self, blade: BladeId) -> usize {
+        self.courses.iter().position(|c| c.blade == blade).unwrap_or_else(|| {
+            self.courses.push(Course::of(blade));
+            self.courses.len() - 1
+        })
     }
 
     /// Rest volume that was taken away since the cutter was made, m3.
@@ -154,10 +173,10 @@ impl Cutter {
         self.operations
     }
 
-    /// Number of points of the line of the stroke in progress.
+    /// Number of points of a blade's line when it is in the middle of a stroke.
     #[must_use]
-    pub fn line_points(&self) -> Option<usize> {
-        (!self.stroke.line.is_empty()).then_some(self.stroke.line.len())
+    pub fn line_points(&self, blade: BladeId) -> Option<usize> {
+        self.courses.iter().find(|c| c.blade == blade && !c.line.is_empty()).map(|c| c.line.len())
     }
 
     /// Whether a stroke is in progress: whether children may still change.
@@ -181,7 +200,7 @@ impl Cutter {
     #[must_use]
     pub fn is_temporary(&self, tet: TetId) -> bool {
         let Some(base) = self.before.parent(tet) else { return false };
-        if self.stroke.occupied.tets.contains(&base) {
+        if self.is_occupied(base) {
             return true;
         }
         let Some(place) = self.before.place(base) else { return false };
@@ -203,16 +222,15 @@ impl Cutter {
         ids
     }
 
-    /// Points where the present line goes through the outer surface (the base mesh's boundary), rest shape, m.
+    /// Points where the present lines go through the outer surface (the base mesh's boundary), rest shape, m.
     #[must_use]
     pub fn surface_points(&self, mesh: &TetMesh) -> Vec<DVec3> {
-        let mut faces: Vec<&FaceKey> = self.stroke.front.keys().collect();
-        faces.sort_unstable();
-        faces
+        let mut front: Vec<_> = self.courses.iter().flat_map(|c| &c.front).collect();
+        front.sort_unstable_by_key(|f| f.0);
+        front
             .into_iter()
-            .filter(|f| self.before.around_face(mesh.topology(), **f).count() == 1)
-            .map(|f| {
-                let w = self.stroke.front[f];
+            .filter(|(f, _)| self.before.around_face(mesh.topology(), **f).count() == 1)
+            .map(|(f, w)| {
                 let [a, b, c] = f.nodes().map(|n| mesh.rest(n));
                 a * w[0] + b * w[1] + c * w[2]
             })
@@ -250,50 +268,6 @@ impl Cutter {
         points
     }
 
-    /// One step of an active blade: its line now, in the rest shape (m, tip first, the same number of points at each step of a stroke).
-    ///
-    /// A step should move the line by less than a quarter of an edge. The changes are in the mesh's delta.
-    pub fn advance(&mut self, mesh: &mut TetMesh, line: &[DVec3]) -> StepReport {
-        self.before.grow(mesh.tet_slots());
-        let line = self.generic(line);
-        let counted = self.operations;
-        let starts = self.stroke.line.len() != line.len();
-        let strip = if starts { starting_strip(&line) } else { Strip::between(&self.stroke.line, &line) };
-        if !starts && strip.is_still() {
-            return StepReport::default();
-        }
-        let mut meeting = self.meet(mesh, &strip);
-        if starts {
-            meeting.border.extend(meeting.front.iter().map(|(f, w)| (*f, *w)));
-        }
-        // Faces that a line or its ends pierce or pierced, and tetrahedra that the line has entered or left.
-        let mut faces: Vec<FaceKey> =
-            [&self.stroke.front, &meeting.front, &meeting.border].into_iter().flat_map(|f| f.keys().copied()).collect();
-        faces.sort_unstable();
-        faces.dedup();
-        let (was, is) = (&self.stroke.occupied.tets, &meeting.occupied.tets);
-        let mut candidates: Vec<TetId> = was.symmetric_difference(is).copied().collect();
-        self.record_hits(mesh, meeting.hits, &mut candidates);
-        self.stroke.border.extend(meeting.border);
-        self.stroke.front = meeting.front;
-        self.stroke.occupied = meeting.occupied;
-        self.stroke.line = line;
-        self.note_reach(mesh);
-        self.lead_past_nodes(mesh, &mut candidates);
-        self.settle_and_release(mesh, &mut candidates);
-        self.refine(mesh, candidates, &faces);
-        if self.stroke.occupied.tets.is_empty() && !self.stroke.crossings.is_empty() && self.stroke.unsettled.is_empty() {
-            // The blade has left: children become base tetrahedra.
-            self.commit(mesh);
-        }
-        StepReport { operations: self.operations_since(counted), swept_m2: meeting.area }
-    }
-
-    /// Forgets where the blade was: the next step starts a stroke.
-    pub fn forget_line(&mut self) {
-        self.stroke.line.clear();
-    }
-
     /// Whether the mesh was cut since the last call: whether there may be new fragments once no stroke is in progress.
     pub fn take_has_cut(&mut self) -> bool {
         std::mem::take(&mut self.has_cut)
@@ -304,92 +278,9 @@ impl Cutter {
         self.grid.remove(tet, mesh.points(tet));
     }
 
-    /// Ends the stroke: everything settles, children become base tetrahedra. The changes are in the mesh's delta.
-    pub fn end_stroke(&mut self, mesh: &mut TetMesh) -> StepReport {
-        let before = self.operations;
-        self.commit(mesh);
-        self.forget_line();
-        StepReport { operations: self.operations_since(before), swept_m2: 0.0 }
-    }
-
-    /// Settles and releases everything, then makes the children base tetrahedra.
-    fn commit(&mut self, mesh: &mut TetMesh) {
-        let mut candidates: Vec<TetId> = self.stroke.occupied.tets.drain().collect();
-        self.stroke.occupied.nodes.clear();
-        // What the present line has reached is where the cut ends if it does not go on.
-        let reached: Vec<_> = self.stroke.front.drain().collect();
-        let faces: Vec<FaceKey> = reached.iter().map(|(f, _)| *f).collect();
-        self.stroke.border.extend(reached);
-        self.lead_past_nodes(mesh, &mut candidates);
-        self.settle_and_release(mesh, &mut candidates);
-        self.refine(mesh, candidates, &faces);
-        self.committed_area_m2 += self.stroke_area(mesh);
-
-        for &base in self.before.touched() {
-            let corners = self.before.corners(mesh.topology(), base);
-            self.grid.remove(base, corners.map(|n| mesh.rest(n)));
-            mesh.release_tet(base);
-        }
-        self.removed_m3 += self.draw_back(mesh, self.kerf_m);
-        self.has_cut |= !self.stroke.touched.is_empty();
-        self.renew_hull(mesh);
-        for mut touched in self.stroke.touched.drain(..) {
-            for id in touched.children.drain(..).filter_map(|c| c.id) {
-                self.before.disown(id);
-                self.grid.insert(id, mesh.points(id));
-            }
-            self.spare.push(touched.children);
-        }
-        self.before.forget();
-        self.stroke.clear();
-    }
-
-    /// Renews surface and hull marks along the cut.
-    fn renew_hull(&mut self, mesh: &mut TetMesh) {
-        self.on_surface.resize(mesh.node_slots(), false);
-        self.on_wound.resize(mesh.node_slots(), false);
-        let mut changed: Vec<NodeId> = Vec::new();
-        for node in self.stroke.sides.values().flatten().map(|s| s.node) {
-            let now = mesh.topology().is_boundary_node(node);
-            self.on_wound[node.index()] = true;
-            if now != std::mem::replace(&mut self.on_surface[node.index()], now) {
-                changed.push(node);
-            }
-        }
-        let mut tets: Vec<TetId> = changed.iter().flat_map(|n| mesh.topology().around_node(*n)).copied().collect();
-        tets.extend(self.stroke.touched.iter().flat_map(|t| &t.children).filter_map(|c| c.id));
-        tets.sort_unstable();
-        tets.dedup();
-        for tet in tets {
-            let hull = mesh.corners(tet).iter().any(|n| self.on_surface[n.index()]);
-            mesh.set_hull(tet, hull);
-        }
-    }
-
     /// Whether a node lay on the surface when the stroke began.
     pub(crate) fn is_surface_node(&self, node: NodeId) -> bool {
         self.on_surface.get(node.index()).copied().unwrap_or(false)
-    }
-
-    /// The line moved off special positions.
-    fn generic(&self, line: &[DVec3]) -> Vec<DVec3> {
-        let size = self.mean_edge_m * GENERIC;
-        line.iter()
-            .enumerate()
-            .map(|(i, p)| {
-                let i = i as f64 + 1.0;
-                *p + DVec3::new((i * 12.9898).sin(), (i * 78.233).sin(), (i * 37.719).sin()) * size
-            })
-            .collect()
-    }
-
-    fn operations_since(&self, before: Operations) -> Operations {
-        Operations {
-            deleted: self.operations.deleted - before.deleted,
-            created: self.operations.created - before.created,
-            updated: self.operations.updated - before.updated,
-            deferred: self.operations.deferred - before.deferred,
-        }
     }
 }
 

@@ -19,17 +19,25 @@ struct Outward {
 }
 
 impl Cutter {
-    /// Draws both sides of the stroke's cut back by half of the kerf. Returns the volume taken away, m3.
-    pub(crate) fn draw_back(&self, mesh: &mut TetMesh, kerf_m: f64) -> f64 {
-        if kerf_m <= 0.0 {
+    /// Draws both sides of the stroke's cut back by half of the kerf of the blade that made it. Returns the volume taken away, m3.
+    pub(crate) fn draw_back(&self, mesh: &mut TetMesh) -> f64 {
+        if self.courses.iter().all(|c| c.kerf_m <= 0.0) {
             return 0.0;
         }
         let mut vertices: Vec<&Vertex> = self.stroke.sides.keys().collect();
         vertices.sort_unstable();
         let nodes: Vec<NodeId> = vertices.into_iter().flat_map(|v| &self.stroke.sides[v]).map(|s| s.node).collect();
         // All directions first: they are those of the sheet, not of what has been drawn back of it.
-        let ways: Vec<(NodeId, DVec3)> = nodes.into_iter().filter_map(|n| Some((n, self.way_back(mesh, n)?))).collect();
-        ways.into_iter().map(|(node, way)| draw_back(mesh, node, way * (kerf_m / 2.0))).sum()
+        let ways: Vec<(NodeId, DVec3)> =
+            nodes.into_iter().filter_map(|n| Some((n, self.way_back(mesh, n)? * (self.kerf_at(mesh, n)? / 2.0)))).collect();
+        ways.into_iter().map(|(node, way)| draw_back(mesh, node, way)).sum()
+    }
+
+    /// The kerf of the blade that was last near the base tetrahedra around a node of the cut, m; `None` when it takes nothing away.
+    fn kerf_at(&self, mesh: &TetMesh, node: NodeId) -> Option<f64> {
+        let bases = mesh.topology().around_node(node).iter().filter_map(|t| self.before.place(self.before.parent(*t)?));
+        let blade = bases.flat_map(|p| self.before.place_corners(p)).find_map(|corner| self.stroke.visits.blade(corner))?;
+        self.courses.iter().find(|c| c.blade == blade).map(|c| c.kerf_m).filter(|k| *k > 0.0)
     }
 
     /// The way by which a node draws back from the cut, its part across the sheet of length one; `None` at the cut's edge.

@@ -3,6 +3,7 @@
 pub mod batch;
 mod before;
 pub mod blade;
+mod course;
 pub mod cutter;
 pub mod fragment;
 mod grid;
@@ -18,9 +19,11 @@ mod separate;
 pub mod sheet;
 pub(crate) mod sides;
 mod snap;
+mod step;
 mod stroke;
 
 pub use batch::{BatchCut, BatchRow, Moved};
 pub use blade::{BladeError, BladeSample, read_blade};
+pub use course::BladeId;
 pub use cutter::{Cutter, Operations, StepReport};
 pub use plugin::CuttingPlugin;

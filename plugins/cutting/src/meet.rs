@@ -3,6 +3,7 @@
 
 use crate::cutter::Cutter;
 use crate::sheet::{Aabb, Hit, Strip, contains, pierce};
+use crate::sides::STICK;
 use crate::stroke::FaceWeights;
 use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh};
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -20,6 +21,10 @@ pub(crate) struct Meeting {
     pub border: FxHashMap<FaceKey, FaceWeights>,
     /// Area of the strip inside the tissue, m2.
     pub area: f64,
+    /// Nodes of the base tetrahedra that the strip meets.
+    pub near: Vec<NodeId>,
+    /// Nodes of earlier cuts close to the strip, ascending.
+    pub beside: Vec<NodeId>,
 }
 
 /// Base tetrahedra that a line is in, and their nodes.
@@ -34,6 +39,11 @@ impl Occupied {
         if self.tets.insert(tet) {
             self.nodes.extend(corners);
         }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.tets.clear();
+        self.nodes.clear();
     }
 }
 
@@ -97,13 +107,13 @@ impl Queue {
 
 impl Cutter {
     /// Everything that a strip meets.
-    pub(crate) fn meet(&self, mesh: &TetMesh, strip: &Strip) -> Meeting {
+    pub(crate) fn meet(&self, mesh: &TetMesh, course: usize, strip: &Strip) -> Meeting {
         let topology = mesh.topology();
         let mut meeting = Meeting::default();
         let mut queue = Queue::default();
         let mut tested: FxHashMap<EdgeKey, bool> = FxHashMap::default();
         let mut pierced: FxHashMap<FaceKey, Option<Pierced>> = FxHashMap::default();
-        let mut known: Vec<TetId> = self.stroke.occupied.tets.iter().copied().collect();
+        let mut known: Vec<TetId> = self.courses[course].occupied.tets.iter().copied().collect();
         known.sort_unstable();
         for tet in known {
             queue.push(tet);
@@ -122,6 +132,11 @@ impl Cutter {
             strip.near(&bounds, &mut near);
             if near.is_empty() {
                 continue;
+            }
+            for (node, point) in corners.into_iter().zip(points).filter(|(n, _)| self.is_wound_node(*n)) {
+                if strip.distance(point, &near) <= STICK * self.mean_edge_m() {
+                    meeting.beside.push(node);
+                }
             }
             let mut meets = false;
             for [i, j] in EDGES {
@@ -160,9 +175,14 @@ impl Cutter {
                 meets = true;
             }
             if meets {
+                meeting.near.extend(corners);
                 meeting.area += strip.area_inside(points, &near);
             }
         }
+        meeting.near.sort_unstable();
+        meeting.near.dedup();
+        meeting.beside.sort_unstable();
+        meeting.beside.dedup();
         meeting
     }
 

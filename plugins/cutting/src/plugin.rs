@@ -1,5 +1,6 @@
 //! Glue: blades on the whiteboard cut the organs on it.
 
+use crate::course::BladeId;
 use crate::cutter::{Cutter, Operations};
 use crate::fragment::{self, Fragment};
 use crate::material_map::{MaterialMap, Tissue, WorldLine};
@@ -10,6 +11,7 @@ use keyhole_whiteboard::{
     Attachments, Blade, CutSettings, CutStatus, FragmentDetached, FreedFrom, InstrumentPose, Organ, OrganMaterials, SceneRequirements,
     TickSystems, TissueMesh, TissueState, TopologyChanged,
 };
+use std::collections::BTreeMap;
 
 /// Cuts organs with active blades, in [`TickSystems::Cut`].
 pub struct CuttingPlugin;
@@ -21,16 +23,12 @@ impl Plugin for CuttingPlugin {
     }
 }
 
-/// A blade that stops cutting and begins again within this part of an edge goes on with its stroke.
-const PAUSE: f64 = 1.0;
-
-/// The cutter of an organ and what it knows of the blade in it.
+/// The cutter of an organ and what it knows of the blades in it.
 #[derive(Component)]
 struct OrganCutter {
     cutter: Cutter,
-    map: MaterialMap,
-    /// The blade that is in the organ.
-    blade: Option<Entity>,
+    /// The blades that cut, each with its memory.
+    blades: BTreeMap<Entity, MaterialMap>,
     /// A stroke has ended: pieces may have come free.
     look_for_fragments: bool,
 }
@@ -38,7 +36,7 @@ struct OrganCutter {
 fn prepare_organs(mut commands: Commands, organs: Query<(Entity, &TissueMesh), Without<OrganCutter>>) {
     for (organ, mesh) in &organs {
         let cutter = Cutter::new(&mesh.0);
-        commands.entity(organ).insert(OrganCutter { cutter, map: MaterialMap::default(), blade: None, look_for_fragments: false });
+        commands.entity(organ).insert(OrganCutter { cutter, blades: BTreeMap::new(), look_for_fragments: false });
     }
 }
 
@@ -78,30 +76,22 @@ fn cut_organs(
     organs.sort_by_key(|o| o.0);
     for (_, mut mesh, state, mut organ) in organs {
         let organ = &mut *organ;
-        if active.is_empty() && !organ.map.has_begun() && !organ.cutter.is_cutting() {
-            organ.map.reset();
-            continue;
-        }
-        if let Some((_, pose, blade)) = organ.blade.and_then(|b| blades.get(b).ok())
-            && active.is_empty()
-            && organ.map.has_begun()
-            && organ.map.strayed_m(world_line(pose, blade)) < PAUSE * organ.cutter.mean_edge_m()
-        {
-            // It rests in its cut: the stroke goes on when it cuts again.
-            cutting = true;
-            continue;
-        }
-        let blade = active.iter().find(|b| Some(b.0) == organ.blade).or_else(|| active.first());
-        if organ.blade != blade.map(|b| b.0) {
-            organ.end_stroke(&mut mesh, &mut status);
-            organ.blade = blade.map(|b| b.0);
-        }
-        let Some((_, pose, blade)) = blade else { continue };
-        organ.cutter.set_settings(*settings);
-        organ.cutter.set_kerf(f64::from(blade.kerf_m));
         let tissue = Tissue { positions: &state.positions, velocities: &state.velocities, dt_s: time.delta_secs() };
-        organ.cut(&mut mesh, tissue, world_line(pose, blade), &mut status);
-        cutting |= organ.map.has_begun();
+        // A blade that stops in the tissue ends its stroke; it goes on with it when it begins again near where it stopped.
+        let mut stops = false;
+        organ.blades.retain(|blade, map| {
+            let cuts = active.iter().any(|a| a.0 == *blade);
+            stops |= !cuts && map.has_begun();
+            cuts
+        });
+        if stops {
+            organ.end_stroke(&mut mesh, &mut status);
+        }
+        organ.cutter.set_settings(*settings);
+        for (entity, pose, blade) in &active {
+            organ.cutter.set_kerf(BladeId(entity.to_bits()), f64::from(blade.kerf_m));
+            cutting |= organ.cut(*entity, &mut mesh, tissue, world_line(pose, blade), &mut status);
+        }
     }
     if status.cutting != cutting {
         status.cutting = cutting;
@@ -117,23 +107,25 @@ fn send_changes(mut organs: Query<(Entity, &mut TissueMesh)>, mut changes: Messa
 }
 
 impl OrganCutter {
-    fn cut(&mut self, mesh: &mut Mut<TissueMesh>, tissue: Tissue, line: WorldLine, status: &mut CutStatus) {
-        let (steps, left) = self.map.steps(&mesh.0, &self.cutter, tissue, line);
+    /// Moves a blade to its line. Returns whether it is in the tissue.
+    fn cut(&mut self, blade: Entity, mesh: &mut Mut<TissueMesh>, tissue: Tissue, line: WorldLine, status: &mut CutStatus) -> bool {
+        let map = self.blades.entry(blade).or_default();
+        let (steps, left) = map.steps(&mesh.0, &self.cutter, tissue, line);
+        let is_in = map.has_begun();
         for step in steps {
-            let report = self.cutter.advance(&mut mesh.0, &step);
-            count(status, report.operations);
+            count(status, self.cutter.advance(&mut mesh.0, BladeId(blade.to_bits()), &step).operations);
         }
         if left {
+            self.blades.remove(&blade);
             self.end_stroke(mesh, status);
         }
+        is_in
     }
 
     fn end_stroke(&mut self, mesh: &mut Mut<TissueMesh>, status: &mut CutStatus) {
         if self.cutter.is_cutting() {
             count(status, self.cutter.end_stroke(&mut mesh.0).operations);
         }
-        self.cutter.forget_line();
-        self.map.reset();
         if self.cutter.take_has_cut() {
             status.strokes += 1;
             self.look_for_fragments = true;

@@ -41,8 +41,18 @@ impl Cutter {
         }
     }
 
+    /// Whether a blade is in a base tetrahedron.
+    pub(crate) fn is_occupied(&self, base: TetId) -> bool {
+        self.courses.iter().any(|c| c.occupied.tets.contains(&base))
+    }
+
+    /// Whether a blade is in a base tetrahedron around a node.
+    pub(crate) fn is_beside_blade(&self, node: NodeId) -> bool {
+        self.courses.iter().any(|c| c.occupied.nodes.contains(&node))
+    }
+
     fn has_left(&self, mut tets: impl Iterator<Item = TetId>) -> bool {
-        tets.all(|t| !self.stroke.occupied.tets.contains(&t))
+        tets.all(|t| !self.is_occupied(t))
     }
 
     /// Settles what the blade has left, snaps, and releases what the policy lets go. `candidates` gains the base tetrahedra concerned.
@@ -63,7 +73,7 @@ impl Cutter {
             let [a, b] = edge.nodes();
             if snapping {
                 // With snapping the whole neighbourhood of both nodes must be final, for a node decides for all of its edges.
-                !self.stroke.occupied.nodes.contains(&a) && !self.stroke.occupied.nodes.contains(&b)
+                !self.is_beside_blade(a) && !self.is_beside_blade(b)
             } else {
                 self.has_left(self.before.around_edge(mesh.topology(), a, b))
             }
@@ -135,9 +145,9 @@ impl Cutter {
         at(w).distance_squared(at(self.on_edge(face, one)))
     }
 
-    /// Notes how far the present line has come in the faces that the sheet crosses on one edge only.
-    pub(crate) fn note_reach(&mut self, mesh: &TetMesh) {
-        let front: Vec<(FaceKey, FaceWeights)> = self.stroke.front.iter().map(|(f, w)| (*f, *w)).collect();
+    /// Notes how far the present line of a blade has come in the faces that the sheet crosses on one edge only.
+    pub(crate) fn note_reach(&mut self, mesh: &TetMesh, course: usize) {
+        let front: Vec<(FaceKey, FaceWeights)> = self.courses[course].front.iter().map(|(f, w)| (*f, *w)).collect();
         for (face, w) in front {
             let edges = face.edges();
             let crossed: SmallVec<[usize; 3]> = (0..3).filter(|&i| self.stroke.crossings.contains_key(&edges[i])).collect();

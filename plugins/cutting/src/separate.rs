@@ -166,6 +166,13 @@ impl Cutter {
                 *node = Some(known.remove(0).node);
             }
         }
+        // A corner's own node stays: the base tetrahedra are known by it.
+        if let Vertex::Corner(own) = vertex
+            && let Some(i) = known.iter().position(|s| s.node == own)
+            && let Some(Some(other)) = nodes.first_mut()
+        {
+            std::mem::swap(other, &mut known[i].node);
+        }
         let first = nodes.iter().copied().flatten().next();
         groups
             .iter()

@@ -141,6 +141,12 @@ impl Strip {
         Some(Hit { t, side: sp, away })
     }
 
+    /// Distance of a point from the given triangles, m.
+    #[must_use]
+    pub fn distance(&self, p: DVec3, triangles: &[usize]) -> f64 {
+        triangles.iter().map(|&i| distance_to_triangle(p, self.corners(i))).fold(f64::INFINITY, f64::min)
+    }
+
     /// The segment that a triangle has on one of the two lines, and whether it is the present one.
     #[must_use]
     pub fn rail(&self, triangle: usize) -> ([DVec3; 2], bool) {
@@ -196,6 +202,21 @@ pub fn contains(tet: [DVec3; 4], p: DVec3) -> bool {
 fn on_plane(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> bool {
     let r = |v: DVec3| robust::Coord3D { x: v.x, y: v.y, z: v.z };
     robust::orient3d(r(a), r(b), r(c), r(d)) == 0.0
+}
+
+/// Distance of a point from a triangle, m.
+fn distance_to_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
+    let n = (b - a).cross(c - a);
+    let sides = [(a, b), (b, c), (c, a)];
+    if n != DVec3::ZERO && sides.iter().all(|&(u, v)| n.dot((v - u).cross(p - u)) >= 0.0) {
+        return n.dot(p - a).abs() / n.length();
+    }
+    let to_side = |&(u, v): &(DVec3, DVec3)| {
+        let along = v - u;
+        let s = if along == DVec3::ZERO { 0.0 } else { ((p - u).dot(along) / along.length_squared()).clamp(0.0, 1.0) };
+        p.distance(u + along * s)
+    };
+    sides.iter().map(to_side).fold(f64::INFINITY, f64::min)
 }
 
 /// Area of a triangle inside a positive tetrahedron, by clipping (Sutherland & Hodgman 1974).

@@ -9,6 +9,7 @@
 //! A stroke that goes back in its own cut crosses the same edges the other way round: its sides are turned over.
 
 use crate::cutter::Cutter;
+use crate::meet::Meeting;
 use crate::release;
 use crate::sheet::{CLEARANCE, Hit};
 use crate::stroke::{Crossing, CrossingState};
@@ -16,10 +17,20 @@ use keyhole_tetmesh::{EdgeKey, NodeId, TetId, TetMesh};
 use rustc_hash::FxHashMap;
 
 /// The sheet goes through a node of an earlier cut that it passes within this part of the mesh's mean edge.
-const STICK: f64 = 0.1;
+pub(crate) const STICK: f64 = 0.1;
 
 /// A second crossing of an edge within this part of the edge's length is the same cut: the blade goes back and forth in it.
 const SAME_CUT: f64 = 0.25;
+
+/// Whether a strip can be taken into the stroke.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Conflict {
+    None,
+    /// It meets what the stroke has cut.
+    WithCut,
+    /// It meets what another blade is cutting.
+    WithBlade,
+}
 
 impl Cutter {
     /// Takes what the sheet crosses in one step into the stroke. `affected` gains the base tetrahedra around new crossings.
@@ -30,12 +41,37 @@ impl Cutter {
             let [a, b] = edge.nodes().map(|n| mesh.rest(n));
             ((a + b) / 2.0).to_array().map(ordered_bits)
         });
-        for (edge, hit) in &ordered {
-            self.stick(mesh, *edge, Hit { side: hit.side * turn, ..*hit }, affected);
-        }
         for (edge, hit) in ordered {
             self.record_hit(mesh, edge, Hit { side: hit.side * turn, ..hit }, affected);
         }
+    }
+
+    /// What stands against it that a blade's strip is part of one sheet with what this stroke has cut before, by this blade long ago or by another one:
+    /// nodes that would be on both sides of it.
+    pub(crate) fn conflict(&self, course: usize, hits: &FxHashMap<EdgeKey, Hit>) -> Conflict {
+        let turn = if self.goes_back(hits) { -1 } else { 1 };
+        let (visits, mean_edge_m) = (&self.stroke.visits, self.mean_edge_m());
+        let mut conflict = Conflict::None;
+        for (edge, hit) in hits {
+            if self.stroke.crossings.get(edge).is_some_and(|c| (c.exact - hit.t).abs() < SAME_CUT) {
+                continue;
+            }
+            for (node, side) in edge.nodes().into_iter().zip([hit.side * turn, -hit.side * turn]) {
+                if self.side_of(node).is_none_or(|s| s == side) || !visits.is_return(&self.courses[course], node, mean_edge_m) {
+                    continue;
+                }
+                if visits.is_beside_other(&self.courses, course, node, mean_edge_m) {
+                    return Conflict::WithBlade;
+                }
+                conflict = Conflict::WithCut;
+            }
+        }
+        conflict
+    }
+
+    /// The side of a node that is known for certain.
+    fn side_of(&self, node: NodeId) -> Option<i8> {
+        self.stroke.node_sides.get(&node).copied().filter(|_| !self.stroke.guessed.contains(&node))
     }
 
     /// Whether most of what is met are known crossings, the other way round at the same place.
@@ -48,17 +84,29 @@ impl Cutter {
     fn record_hit(&mut self, mesh: &TetMesh, edge: EdgeKey, hit: Hit, affected: &mut Vec<TetId>) {
         let [low, high] = edge.nodes();
         let first = self.stroke.hits.insert(edge);
-        if let Some(known) = self.stroke.crossings.get(&edge) {
+        if let Some(known) = self.stroke.crossings.get(&edge).copied() {
             if known.side == -hit.side && (known.exact - hit.t).abs() >= SAME_CUT {
-                // Crossed and crossed back: the node beyond the second crossing is on the side of the one before the first.
-                self.stroke.led_past.push(if hit.t > known.exact { high } else { low });
+                if self.is_by_cut_node(mesh, edge, known.exact) {
+                    // The first was but the node's own place on the sheet.
+                    self.tell_other_ends(mesh, edge, hit);
+                } else {
+                    // Crossed and crossed back: the node beyond the second crossing is on the side of the one before the first.
+                    self.stroke.led_past.push(if hit.t > known.exact { high } else { low });
+                }
             }
             return;
         }
-        let (at_low, at_high) = {
-            let sides = &self.stroke.node_sides;
-            (sides.get(&low).copied().unwrap_or(hit.side), sides.get(&high).copied().unwrap_or(-hit.side))
-        };
+        if self.is_by_cut_node(mesh, edge, hit.t) {
+            for (node, side) in [(low, hit.side), (high, -hit.side)] {
+                if !self.stroke.on_sheet.contains_key(&node) && !self.stroke.node_sides.contains_key(&node) {
+                    self.tell_side(mesh, node, side);
+                    self.stroke.guessed.insert(node);
+                }
+            }
+            self.add_crossing(mesh, edge, Crossing::new(hit.t, hit.side, self.clearance(mesh, edge)), affected);
+            return;
+        }
+        let (at_low, at_high) = (self.side_of(low).unwrap_or(hit.side), self.side_of(high).unwrap_or(-hit.side));
         match (at_low == hit.side, at_high == -hit.side) {
             (true, true) | (false, false) => {
                 self.tell_side(mesh, low, at_low);
@@ -77,27 +125,55 @@ impl Cutter {
         }
     }
 
-    /// Lets the sheet go through a node of an earlier cut that it passes within [`STICK`] of, when nothing that is released stands against it. The node stays where
-    /// it is, so that a blade that comes back through a cut runs along it instead of cutting ever thinner slices.
-    fn stick(&mut self, mesh: &TetMesh, edge: EdgeKey, hit: Hit, affected: &mut Vec<TetId>) {
+    /// Whether a crossing of an edge at `t` is beside an end of it that the sheet goes through: what it says of the other end is but a guess, for an
+    /// edge that runs along the sheet from there may cross it once more.
+    fn is_by_cut_node(&self, mesh: &TetMesh, edge: EdgeKey, t: f64) -> bool {
         let [low, high] = edge.nodes();
-        for (node, other, side, away) in [(low, high, hit.side, hit.away[0]), (high, low, -hit.side, hit.away[1])] {
-            if !self.on_wound.get(node.index()).copied().unwrap_or(false)
-                || away > STICK * self.mean_edge_m()
-                || self.stroke.on_sheet.contains_key(&node)
-            {
-                continue;
+        let near = SAME_CUT * self.mean_edge_m() / mesh.rest(low).distance(mesh.rest(high));
+        (t <= near && self.stroke.on_sheet.contains_key(&low)) || (1.0 - t <= near && self.stroke.on_sheet.contains_key(&high))
+    }
+
+    /// Notes the sides of those ends of an edge that the sheet does not go through.
+    fn tell_other_ends(&mut self, mesh: &TetMesh, edge: EdgeKey, hit: Hit) {
+        for (node, side) in edge.nodes().into_iter().zip([hit.side, -hit.side]) {
+            if !self.stroke.on_sheet.contains_key(&node) {
+                self.tell_side(mesh, node, side);
             }
-            let neighbours = self.neighbours(mesh, node);
-            if neighbours.iter().any(|n| self.stroke.released(EdgeKey::new(node, *n)).is_some()) {
-                continue;
+        }
+    }
+
+    /// Lets the sheet go through the nodes of earlier cuts that it passes within [`STICK`] of. They stay where they are, so that a blade that comes
+    /// back through a cut runs along it instead of cutting ever thinner slices.
+    pub(crate) fn stick(&mut self, mesh: &TetMesh, meeting: &Meeting, affected: &mut Vec<TetId>) {
+        let mut edges: Vec<(EdgeKey, Hit)> = meeting.hits.iter().map(|(e, h)| (*e, *h)).collect();
+        edges.retain(|(e, _)| e.nodes().iter().any(|n| self.is_wound_node(*n)));
+        edges.sort_unstable_by_key(|(e, _)| *e);
+        for (edge, hit) in edges {
+            let [low, high] = edge.nodes();
+            for (node, side, away) in [(low, hit.side, hit.away[0]), (high, -hit.side, hit.away[1])] {
+                let is_near = away <= STICK * self.mean_edge_m() || meeting.beside.binary_search(&node).is_ok();
+                if is_near && self.is_wound_node(node) {
+                    self.stick_node(mesh, node, side, affected);
+                }
             }
-            if !self.stroke.node_sides.contains_key(&other) {
-                self.tell_side(mesh, other, -side);
-            }
+        }
+    }
+
+    /// Lets the sheet go through a node, when no edge of it is split yet.
+    fn stick_node(&mut self, mesh: &TetMesh, node: NodeId, side: i8, affected: &mut Vec<TetId>) {
+        if self.stroke.on_sheet.contains_key(&node) {
+            return;
+        }
+        let neighbours = self.neighbours(mesh, node);
+        if neighbours.iter().all(|n| self.stroke.released(EdgeKey::new(node, *n)).is_none()) {
             let side = self.stroke.node_sides.get(&node).copied().unwrap_or(side);
             self.put_on_sheet(mesh, node, side, &neighbours, affected);
         }
+    }
+
+    /// Whether a node is one of an earlier cut.
+    pub(crate) fn is_wound_node(&self, node: NodeId) -> bool {
+        self.on_wound.get(node.index()).copied().unwrap_or(false)
     }
 
     /// Lets the sheet go through a node: its crossings are dropped.
@@ -135,6 +211,7 @@ impl Cutter {
 
     /// Notes the side of a node, which decides that of the children around it.
     fn tell_side(&mut self, mesh: &TetMesh, node: NodeId, side: i8) {
+        self.stroke.guessed.remove(&node);
         if self.stroke.node_sides.insert(node, side) != Some(side) {
             self.stroke.stale_labels.extend(self.before.around_node(mesh.topology(), node));
         }
@@ -145,7 +222,7 @@ impl Cutter {
         let mut pending = std::mem::take(&mut self.stroke.led_past);
         pending.sort_unstable();
         pending.dedup();
-        let (left, waiting): (Vec<NodeId>, Vec<NodeId>) = pending.into_iter().partition(|n| !self.stroke.occupied.nodes.contains(n));
+        let (left, waiting): (Vec<NodeId>, Vec<NodeId>) = pending.into_iter().partition(|n| !self.is_beside_blade(*n));
         self.stroke.led_past = waiting;
         for node in left {
             let Some(side) = self.stroke.node_sides.get(&node).copied() else { continue };

@@ -1,7 +1,7 @@
 //! What one stroke has done so far: crossings, piercings, the base tetrahedra it touched and their children.
 
+use crate::course::Visits;
 use crate::kernel::{Child, Vertex};
-use crate::meet::Occupied;
 use crate::release::FaceState;
 use crate::sheet::Strip;
 use keyhole_tetmesh::{DVec3, EdgeKey, FaceKey, NodeId, Tet, TetId};
@@ -70,23 +70,19 @@ pub(crate) struct SplitRank {
     pub midpoint: DVec3,
 }
 
-/// The stroke in progress.
+/// The stroke in progress: what all blades in the organ have done since it began.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Stroke {
-    /// The blade's line at the last step, as points of the rest shape; empty before the first.
-    pub line: Vec<DVec3>,
     pub crossings: FxHashMap<EdgeKey, Crossing>,
     pub ranks: FxHashMap<EdgeKey, SplitRank>,
     /// Edges whose crossing has not settled.
     pub unsettled: Vec<EdgeKey>,
     /// Where the start line and the paths of tip and heel pierced a face last.
     pub border: FxHashMap<FaceKey, FaceWeights>,
-    /// Where the present line pierces faces.
-    pub front: FxHashMap<FaceKey, FaceWeights>,
     /// How far lines have come in a face that the sheet crosses on one edge only: a blade that draws back does not heal it.
     pub reach: FxHashMap<FaceKey, FaceWeights>,
-    /// Base tetrahedra that the present line is in.
-    pub occupied: Occupied,
+    /// Where the blades have been.
+    pub visits: Visits,
     /// Released face points.
     pub face_points: FxHashMap<FaceKey, (FaceWeights, FaceState)>,
     /// Nodes that were moved onto the sheet, with the side they were on before.
@@ -100,6 +96,8 @@ pub(crate) struct Stroke {
     pub sides: FxHashMap<Vertex, SmallVec<[SideNode; 2]>>,
     /// The side of the sheet that each node near it is on, +1 or -1: the first crossing that tells decides.
     pub node_sides: FxHashMap<NodeId, i8>,
+    /// Those of which the side is a guess that the next crossing may overrule.
+    pub guessed: FxHashSet<NodeId>,
     /// Edges that the sheet has crossed, whether that was recorded or not.
     pub hits: FxHashSet<EdgeKey>,
     /// Nodes that turned out to lie on the other side: the sheet is led past them, see [`crate::sides`].
@@ -112,16 +110,14 @@ impl Stroke {
         self.crossings.is_empty() && self.touched.is_empty()
     }
 
-    /// Forgets all but the line; keeps the room.
+    /// Forgets all; keeps the room.
     pub fn clear(&mut self) {
         self.crossings.clear();
         self.ranks.clear();
         self.unsettled.clear();
         self.border.clear();
-        self.front.clear();
         self.reach.clear();
-        self.occupied.tets.clear();
-        self.occupied.nodes.clear();
+        self.visits.clear();
         self.face_points.clear();
         self.on_sheet.clear();
         self.weighed.clear();
@@ -129,6 +125,7 @@ impl Stroke {
         self.stale_labels.clear();
         self.sides.clear();
         self.node_sides.clear();
+        self.guessed.clear();
         self.hits.clear();
         self.led_past.clear();
     }

@@ -4,9 +4,9 @@
 mod common;
 
 use common::{block, line, settings, step, verdict};
-use keyhole_cutting::Cutter;
 use keyhole_cutting::fragment::detach;
 use keyhole_cutting::material_map::{MaterialMap, Tissue, WorldLine};
+use keyhole_cutting::{BladeId, Cutter};
 use keyhole_tetmesh::{DVec3, TetMesh};
 use keyhole_whiteboard::{CutMethod, CutPattern};
 
@@ -198,7 +198,7 @@ fn tissue_pulled_across_a_blade_at_rest_is_cut_like_tissue_at_rest_under_a_movin
             let tissue = Tissue { positions: &positions, velocities: &velocities, dt_s: 1.0 / 60.0 };
             let (steps, left) = map.steps(&mesh, &cutter, tissue, blade(if pulled { start } else { start + moved }));
             for s in steps {
-                cutter.advance(&mut mesh, &s);
+                cutter.advance(&mut mesh, BladeId(0), &s);
             }
             if left {
                 cutter.end_stroke(&mut mesh);

@@ -1,7 +1,7 @@
 //! Meshes, strokes and an oracle for the tests of cutting. The oracle looks at points and tetrahedra alone and shares no code with the
 //! kernel.
 
-use keyhole_cutting::Cutter;
+use keyhole_cutting::{BladeId, Cutter};
 use keyhole_tetmesh::{DVec3, TetMesh};
 use keyhole_whiteboard::{CutMethod, CutPattern, CutSettings};
 use std::collections::HashMap;
@@ -61,7 +61,7 @@ pub fn line(tip: DVec3, heel: DVec3, h: f64) -> Vec<DVec3> {
 
 /// One step of a blade whose line is given in the rest shape.
 pub fn step(cutter: &mut Cutter, mesh: &mut TetMesh, line: &[DVec3]) -> keyhole_cutting::StepReport {
-    cutter.advance(mesh, line)
+    cutter.advance(mesh, BladeId(0), line)
 }
 
 /// What the oracle measured.
