@@ -18,6 +18,8 @@ struct Incident {
     place: u32,
     child: u32,
     label: i8,
+    /// Which of its vertices it is.
+    at: u8,
 }
 
 /// Children at a vertex that hang together.
@@ -35,9 +37,43 @@ struct Scratch {
     incident: Vec<Incident>,
     /// By incident child: another of its group, or itself.
     parent: Vec<usize>,
-    /// Faces at the vertex: a hash that orders them fast, their two other vertices, and whose they are.
-    faces: Vec<(u64, [Vertex; 2], u32)>,
+    pairs: FacePairs,
     groups: Vec<Group>,
+}
+
+/// Finds the two children at each face of a vertex: a table with open places, of faces by their two other vertices.
+#[derive(Default)]
+struct FacePairs {
+    /// The other vertices of a face, and its first child.
+    faces: Vec<([Vertex; 2], u32)>,
+    /// By hash: a place among the faces, or [`FacePairs::NONE`].
+    table: Vec<u32>,
+}
+
+impl FacePairs {
+    const NONE: u32 = u32::MAX;
+
+    /// Empties it, with room for the faces of so many children.
+    fn reset(&mut self, children: usize) {
+        self.faces.clear();
+        self.table.clear();
+        self.table.resize((6 * children).next_power_of_two(), Self::NONE);
+    }
+
+    /// The child that gave this face before, if one did.
+    fn pair(&mut self, face: [Vertex; 2], hash: u64, child: u32) -> Option<usize> {
+        let mask = self.table.len() - 1;
+        let mut at = (hash ^ (hash >> 32)) as usize & mask;
+        while let Some((known, first)) = self.faces.get(self.table[at] as usize) {
+            if *known == face {
+                return Some(*first as usize);
+            }
+            at = (at + 1) & mask;
+        }
+        self.table[at] = self.faces.len() as u32;
+        self.faces.push((face, child));
+        None
+    }
 }
 
 impl Cutter {
@@ -68,7 +104,7 @@ impl Cutter {
             for (i, member) in scratch.incident.iter().enumerate() {
                 let root = root(&mut scratch.parent, i);
                 if let Some(group) = scratch.groups.iter().position(|g| g.root == root) {
-                    self.name(*member, vertex, sides[group].node, concerned);
+                    self.name(*member, sides[group].node, concerned);
                 }
             }
             if !sides.is_empty() {
@@ -93,8 +129,8 @@ impl Cutter {
         for base in bases {
             let Some(place) = self.before.place(base) else { continue };
             for (child, placed) in self.stroke.touched[place].children.iter().enumerate() {
-                if placed.key.contains(&vertex) {
-                    incident.push(Incident { base, place: place as u32, child: child as u32, label: placed.label });
+                if let Some(at) = placed.key.iter().position(|v| *v == vertex) {
+                    incident.push(Incident { base, place: place as u32, child: child as u32, label: placed.label, at: at as u8 });
                 }
             }
         }
@@ -102,26 +138,23 @@ impl Cutter {
 
     /// Groups children that share an unmarked face at the vertex.
     fn find_groups(&self, vertex: Vertex, scratch: &mut Scratch) {
-        let Scratch { incident, parent, faces, groups } = scratch;
+        let Scratch { incident, parent, pairs, groups } = scratch;
         parent.clear();
         parent.extend(0..incident.len());
-        faces.clear();
+        pairs.reset(incident.len());
         let key = |m: &Incident| self.stroke.touched[m.place as usize].children[m.child as usize].key;
         for (i, member) in incident.iter().enumerate() {
             let key = key(member);
-            let mut others = key.into_iter().filter(|v| *v != vertex);
-            if let (Some(a), Some(b), Some(c)) = (others.next(), others.next(), others.next()) {
-                let [ha, hb, hc] = [a, b, c].map(|v| FxBuildHasher.hash_one(v));
-                let face = |a: Vertex, b: Vertex, hash: u64| (hash, if a < b { [a, b] } else { [b, a] }, i as u32);
-                faces.extend([face(a, b, ha.wrapping_add(hb)), face(a, c, ha.wrapping_add(hc)), face(b, c, hb.wrapping_add(hc))]);
-            }
-        }
-        faces.sort_unstable();
-        for pair in faces.windows(2) {
-            let [(face, i), (other, j)] = [pair[0], pair[1]].map(|(_, f, i)| (f, i as usize));
-            if face == other && !self.stroke.is_marked(&[vertex, face[0], face[1]], [incident[i].label, incident[j].label]) {
-                let (a, b) = (root(parent, i), root(parent, j));
-                parent[a.max(b)] = a.min(b);
+            let [a, b, c] = [1, 2, 3].map(|k| key[(usize::from(member.at) + k) % 4]);
+            let [ha, hb, hc] = [a, b, c].map(|v| FxBuildHasher.hash_one(v));
+            for (a, b, hash) in [(a, b, ha.wrapping_add(hb)), (a, c, ha.wrapping_add(hc)), (b, c, hb.wrapping_add(hc))] {
+                let face = if a < b { [a, b] } else { [b, a] };
+                if let Some(j) = pairs.pair(face, hash, i as u32)
+                    && !self.stroke.is_marked(&[vertex, a, b], [member.label, incident[j].label])
+                {
+                    let (a, b) = (root(parent, i), root(parent, j));
+                    parent[a.max(b)] = a.min(b);
+                }
             }
         }
         groups.clear();
@@ -185,12 +218,10 @@ impl Cutter {
             .collect()
     }
 
-    fn name(&mut self, member: Incident, vertex: Vertex, node: NodeId, concerned: &mut Vec<TetId>) {
-        let child = &mut self.stroke.touched[member.place as usize].children[member.child as usize];
-        if let Some(i) = child.key.iter().position(|v| *v == vertex)
-            && child.nodes[i] != node
-        {
-            child.nodes[i] = node;
+    fn name(&mut self, member: Incident, node: NodeId, concerned: &mut Vec<TetId>) {
+        let named = &mut self.stroke.touched[member.place as usize].children[member.child as usize].nodes[usize::from(member.at)];
+        if *named != node {
+            *named = node;
             concerned.push(member.base);
         }
     }
