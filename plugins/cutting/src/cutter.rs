@@ -325,9 +325,9 @@ impl Cutter {
         self.refine(mesh, candidates, &faces);
         self.committed_area_m2 += self.stroke_area(mesh);
 
+        let boxes = (0..self.before.touched().len()).map(|place| self.before.place_corners(place).map(|n| mesh.rest(n)));
+        self.grid.remove_all(boxes, |t| self.before.place(t).is_none());
         for &base in self.before.touched() {
-            let corners = self.before.corners(mesh.topology(), base);
-            self.grid.remove(base, corners.map(|n| mesh.rest(n)));
             mesh.release_tet(base);
         }
         self.removed_m3 += self.draw_back(mesh, self.kerf_m);

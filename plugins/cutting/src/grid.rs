@@ -4,11 +4,22 @@ use keyhole_tetmesh::{DVec3, TetId};
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
+/// A cell by its three coordinates, 21 bits each. Cells two million cells apart share a list: it is then longer than need be, not wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+struct Cell(u64);
+
+impl Cell {
+    fn new(x: i32, y: i32, z: i32) -> Self {
+        let low = |i: i32| u64::from(i as u32 & 0x1f_ffff);
+        Self(low(x) << 42 | low(y) << 21 | low(z))
+    }
+}
+
 /// Base tetrahedra by the cells that their boxes overlap.
 #[derive(Clone, Debug)]
 pub(crate) struct RestGrid {
     cell_m: f64,
-    cells: FxHashMap<[i32; 3], SmallVec<[TetId; 8]>>,
+    cells: FxHashMap<Cell, SmallVec<[TetId; 8]>>,
 }
 
 impl RestGrid {
@@ -18,36 +29,81 @@ impl RestGrid {
     }
 
     pub fn insert(&mut self, tet: TetId, points: [DVec3; 4]) {
-        for cell in self.range(points) {
-            self.cells.entry(cell).or_default().push(tet);
-        }
+        let range = self.range(points);
+        range.each(|cell| self.cells.entry(cell).or_default().push(tet));
     }
 
     pub fn remove(&mut self, tet: TetId, points: [DVec3; 4]) {
-        for cell in self.range(points) {
+        let range = self.range(points);
+        range.each(|cell| {
             if let Some(list) = self.cells.get_mut(&cell) {
                 list.retain(|t| *t != tet);
+            }
+        });
+    }
+
+    /// Removes those that do not stay from the cells that the given boxes overlap: each cell is looked at once.
+    pub fn remove_all(&mut self, boxes: impl Iterator<Item = [DVec3; 4]>, stays: impl Fn(TetId) -> bool) {
+        let mut cells: Vec<Cell> = Vec::new();
+        for points in boxes {
+            self.range(points).each(|cell| cells.push(cell));
+        }
+        cells.sort_unstable();
+        cells.dedup();
+        for cell in cells {
+            if let Some(list) = self.cells.get_mut(&cell) {
+                list.retain(|t| stays(*t));
             }
         }
     }
 
     /// The tetrahedra whose boxes overlap the cell of a point.
     pub fn near(&self, point: DVec3) -> &[TetId] {
-        self.cells.get(&self.cell_of(point)).map_or(&[], SmallVec::as_slice)
+        let [x, y, z] = self.place_of(point);
+        self.cells.get(&Cell::new(x, y, z)).map_or(&[], SmallVec::as_slice)
     }
 
-    /// The tetrahedra whose boxes overlap a cell that the box of some points overlaps; some more than once.
-    pub fn touching(&self, points: &[DVec3; 4]) -> impl Iterator<Item = TetId> + '_ {
-        self.range(*points).filter_map(|cell| self.cells.get(&cell)).flatten().copied()
+    /// Gives the tetrahedra whose boxes overlap a cell that the box of some points overlaps; some more than once.
+    pub fn touching(&self, points: [DVec3; 4], mut give: impl FnMut(TetId)) {
+        self.range(points).each(|cell| {
+            for tet in self.cells.get(&cell).into_iter().flatten() {
+                give(*tet);
+            }
+        });
     }
 
-    fn cell_of(&self, p: DVec3) -> [i32; 3] {
-        (p / self.cell_m).floor().as_ivec3().to_array()
+    fn place_of(&self, p: DVec3) -> [i32; 3] {
+        (p / self.cell_m).to_array().map(floor)
     }
 
-    fn range(&self, points: [DVec3; 4]) -> impl Iterator<Item = [i32; 3]> + use<> {
-        let low = self.cell_of(points.into_iter().fold(DVec3::INFINITY, DVec3::min));
-        let high = self.cell_of(points.into_iter().fold(DVec3::NEG_INFINITY, DVec3::max));
-        (low[0]..=high[0]).flat_map(move |x| (low[1]..=high[1]).flat_map(move |y| (low[2]..=high[2]).map(move |z| [x, y, z])))
+    fn range(&self, points: [DVec3; 4]) -> Range {
+        let low = self.place_of(points.into_iter().fold(DVec3::INFINITY, DVec3::min));
+        let high = self.place_of(points.into_iter().fold(DVec3::NEG_INFINITY, DVec3::max));
+        Range { low, high }
     }
+}
+
+/// The cells from one to another, both with what is between them.
+struct Range {
+    low: [i32; 3],
+    high: [i32; 3],
+}
+
+impl Range {
+    fn each(&self, mut give: impl FnMut(Cell)) {
+        let Self { low, high } = self;
+        for x in low[0]..=high[0] {
+            for y in low[1]..=high[1] {
+                for z in low[2]..=high[2] {
+                    give(Cell::new(x, y, z));
+                }
+            }
+        }
+    }
+}
+
+/// The greatest integer that is not above `x`, without a call into the mathematics library.
+fn floor(x: f64) -> i32 {
+    let toward_zero = x as i32;
+    toward_zero.saturating_sub(i32::from(f64::from(toward_zero) > x))
 }

@@ -177,9 +177,7 @@ impl Cutter {
             }
             let deep = holder.is_some_and(|t| !self.before.corners(mesh.topology(), t).iter().any(|n| self.is_surface_node(*n)));
             if j > 0 && !(deep_before && deep) {
-                for tet in self.grid.touching(&strip.quad(j - 1)) {
-                    queue.push(tet);
-                }
+                self.grid.touching(strip.quad(j - 1), |tet| queue.push(tet));
             }
             deep_before = deep;
         }

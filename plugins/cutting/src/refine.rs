@@ -382,10 +382,9 @@ impl Cutter {
         let mut twice = 0.0;
         for (touched, base) in self.stroke.touched.iter().zip(self.before.touched()) {
             for (child, id) in touched.children.iter().filter_map(|c| c.id.map(|id| (c, id))) {
-                let on_sheet = child.key.map(|v| self.stroke.is_on_sheet(v));
                 for (face, corners) in keyhole_tetmesh::FACES.into_iter().enumerate() {
-                    if corners.iter().all(|&i| on_sheet[i])
-                        && mesh.topology().neighbour(id, face).is_none()
+                    if mesh.topology().neighbour(id, face).is_none()
+                        && corners.iter().all(|&i| self.stroke.is_on_sheet(child.key[i]))
                         && !self.was_boundary(mesh, *base, corners.map(|i| child.key[i]))
                     {
                         let [a, b, c] = corners.map(|i| mesh.rest(child.nodes[i]));
