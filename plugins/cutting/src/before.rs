@@ -59,6 +59,14 @@ impl Before {
         self.place(base).map_or_else(|| topology.corners(base), |p| self.corners[p])
     }
 
+    /// The four nodes of a tetrahedron when it is one of the base.
+    pub fn known_corners(&self, topology: &Topology, tet: TetId) -> Option<[NodeId; 4]> {
+        match self.place(tet) {
+            Some(place) => Some(self.corners[place]),
+            None => (topology.contains(tet) && self.parent(tet).is_none()).then(|| topology.corners(tet)),
+        }
+    }
+
     /// The key of face `face` of a base tetrahedron.
     pub fn face_key(&self, topology: &Topology, base: TetId, face: usize) -> FaceKey {
         let c = self.corners(topology, base);

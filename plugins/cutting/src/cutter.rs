@@ -2,6 +2,7 @@
 
 use crate::before::Before;
 use crate::grid::RestGrid;
+use crate::meet::Search;
 use crate::sheet::{Aabb, Strip, contains};
 use crate::stroke::{Placed, Stroke, starting_strip};
 use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh};
@@ -51,6 +52,7 @@ pub struct Cutter {
     pub(crate) operations: Operations,
     /// Lists of children to use again.
     pub(crate) spare: Vec<Vec<Placed>>,
+    pub(crate) search: Search,
     kerf_m: f64,
     removed_m3: f64,
     committed_area_m2: f64,
@@ -95,6 +97,7 @@ impl Cutter {
             settings: CutSettings::default(),
             operations: Operations::default(),
             spare: Vec::new(),
+            search: Search::default(),
             kerf_m: 0.0,
             removed_m3: 0.0,
             committed_area_m2: 0.0,
@@ -174,7 +177,7 @@ impl Cutter {
 
     fn holds(&self, mesh: &TetMesh, base: TetId, p: DVec3) -> bool {
         let corners = self.before.corners(mesh.topology(), base).map(|n| mesh.rest(n));
-        Aabb::of(&corners).overlaps(&Aabb::of(&[p])) && contains(corners, p)
+        Aabb::of(&corners).holds(p) && contains(corners, p)
     }
 
     /// Whether a later step may still change this tetrahedron of the mesh.

@@ -31,10 +31,21 @@ impl Aabb {
         points.iter().fold(Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY }, |b, p| Self { min: b.min.min(*p), max: b.max.max(*p) })
     }
 
+    /// Whether a point is in the box, its border included.
+    #[must_use]
+    pub fn holds(&self, p: DVec3) -> bool {
+        self.overlaps(&Self { min: p, max: p })
+    }
+
     /// Whether two boxes overlap or touch.
     #[must_use]
     pub fn overlaps(&self, other: &Self) -> bool {
-        self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
+        self.min.x <= other.max.x
+            && self.min.y <= other.max.y
+            && self.min.z <= other.max.z
+            && other.min.x <= self.max.x
+            && other.min.y <= self.max.y
+            && other.min.z <= self.max.z
     }
 }
 
@@ -54,6 +65,7 @@ pub struct Strip {
     half: usize,
     triangles: Vec<[usize; 3]>,
     boxes: Vec<Aabb>,
+    bounds: Aabb,
 }
 
 impl Strip {
@@ -72,7 +84,8 @@ impl Strip {
             triangles.push([j + 1, half + j + 1, half + j]);
         }
         let boxes = triangles.iter().map(|t| Aabb::of(&t.map(|i| points[i]))).collect();
-        Self { points, half, triangles, boxes }
+        let bounds = Aabb::of(&points);
+        Self { points, half, triangles, boxes, bounds }
     }
 
     /// The present line.
@@ -96,6 +109,9 @@ impl Strip {
     /// The triangles whose box overlaps `region`.
     pub fn near(&self, region: &Aabb, found: &mut Vec<usize>) {
         found.clear();
+        if !self.bounds.overlaps(region) {
+            return;
+        }
         found.extend((0..self.triangles.len()).filter(|&i| self.boxes[i].overlaps(region)));
     }
 
@@ -154,7 +170,8 @@ impl Strip {
     /// Area of the strip inside a tetrahedron, m2, over the given triangles.
     #[must_use]
     pub fn area_inside(&self, tet: [DVec3; 4], triangles: &[usize]) -> f64 {
-        triangles.iter().map(|&i| clipped_area(self.corners(i), tet)).sum()
+        let planes = keyhole_tetmesh::FACES.map(|[i, j, k]| Plane { point: tet[i], normal: (tet[j] - tet[i]).cross(tet[k] - tet[i]) });
+        triangles.iter().map(|&i| clipped_area(self.corners(i), &planes)).sum()
     }
 }
 
@@ -194,13 +211,25 @@ fn on_plane(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> bool {
     robust::orient3d(r(a), r(b), r(c), r(d)) == 0.0
 }
 
+/// The plane of a face, its normal out of the tetrahedron.
+struct Plane {
+    point: DVec3,
+    normal: DVec3,
+}
+
+impl Plane {
+    /// Positive beyond the plane.
+    fn height(&self, p: DVec3) -> f64 {
+        self.normal.dot(p - self.point)
+    }
+}
+
 /// Area of a triangle inside a positive tetrahedron, by clipping (Sutherland & Hodgman 1974).
-fn clipped_area(triangle: [DVec3; 3], tet: [DVec3; 4]) -> f64 {
+fn clipped_area(triangle: [DVec3; 3], planes: &[Plane; 4]) -> f64 {
     // Most triangles are wholly beyond one face or inside all four.
     let mut crosses = false;
-    for [i, j, k] in keyhole_tetmesh::FACES {
-        let n = (tet[j] - tet[i]).cross(tet[k] - tet[i]);
-        let out = triangle.iter().filter(|p| n.dot(**p - tet[i]) > 0.0).count();
+    for plane in planes {
+        let out = triangle.iter().filter(|p| plane.height(**p) > 0.0).count();
         if out == 3 {
             return 0.0;
         }
@@ -210,13 +239,11 @@ fn clipped_area(triangle: [DVec3; 3], tet: [DVec3; 4]) -> f64 {
         return (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).length() / 2.0;
     }
     let mut polygon: SmallVec<[DVec3; 8]> = triangle.into_iter().collect();
-    for [i, j, k] in keyhole_tetmesh::FACES {
-        let n = (tet[j] - tet[i]).cross(tet[k] - tet[i]);
-        let height = |p: DVec3| n.dot(p - tet[i]);
+    for plane in planes {
         let mut kept: SmallVec<[DVec3; 8]> = SmallVec::new();
         for (m, &p) in polygon.iter().enumerate() {
             let q = polygon[(m + 1) % polygon.len()];
-            let (hp, hq) = (height(p), height(q));
+            let (hp, hq) = (plane.height(p), plane.height(q));
             if hp <= 0.0 {
                 kept.push(p);
             }
