@@ -49,20 +49,19 @@ impl Meeting {
     /// Keeps where the border of the strip goes through a face. What of the strip goes through a face without crossing an edge of it ends there.
     fn pierce(&mut self, strip: &Strip, key: FaceKey, face: [DVec3; 3], near: &[usize]) -> Option<Pierced> {
         let bounds = Aabb::of(&face);
-        let through = |[p, q]: [DVec3; 2]| if Aabb::of(&[p, q]).overlaps(&bounds) { pierce(face, p, q) } else { None };
         let (mut by_line, mut by_other) = (false, false);
         for &triangle in near {
-            let (segment, is_now) = strip.rail(triangle);
-            let Some(w) = through(segment) else { continue };
-            if is_now {
+            let Some(w) = strip.rail_through(triangle, face, &bounds) else { continue };
+            if Strip::is_rail_now(triangle) {
                 self.front.insert(key, w);
                 by_line = true;
             } else {
                 by_other = true;
             }
         }
-        for end in strip.ends() {
-            if let Some(w) = through(end) {
+        for [p, q] in strip.ends() {
+            let w = if Aabb::of(&[p, q]).overlaps(&bounds) { pierce(face, p, q) } else { None };
+            if let Some(w) = w {
                 self.border.insert(key, w);
                 by_other = true;
             }

@@ -65,6 +65,8 @@ pub struct Strip {
     half: usize,
     triangles: Vec<[usize; 3]>,
     boxes: Vec<Aabb>,
+    /// By triangle: the box of its [`Strip::rail`].
+    rails: Vec<Aabb>,
     bounds: Aabb,
 }
 
@@ -84,8 +86,9 @@ impl Strip {
             triangles.push([j + 1, half + j + 1, half + j]);
         }
         let boxes = triangles.iter().map(|t| Aabb::of(&t.map(|i| points[i]))).collect();
+        let rails = (0..triangles.len()).map(|i| Aabb::of(&Self::rail_of(i, triangles[i]).map(|j| points[j]))).collect();
         let bounds = Aabb::of(&points);
-        Self { points, half, triangles, boxes, bounds }
+        Self { points, half, triangles, boxes, rails, bounds }
     }
 
     /// The present line.
@@ -153,11 +156,24 @@ impl Strip {
         Some(Hit { t, side: sp })
     }
 
-    /// The segment that a triangle has on one of the two lines, and whether it is the present one.
+    /// Where the segment that a triangle has on one of the two lines goes through a face with the given box.
     #[must_use]
-    pub fn rail(&self, triangle: usize) -> ([DVec3; 2], bool) {
-        let [i, j, k] = self.triangles[triangle];
-        if triangle.is_multiple_of(2) { ([self.points[i], self.points[j]], false) } else { ([self.points[k], self.points[j]], true) }
+    pub fn rail_through(&self, triangle: usize, face: [DVec3; 3], bounds: &Aabb) -> Option<[f64; 3]> {
+        if !self.rails[triangle].overlaps(bounds) {
+            return None;
+        }
+        let [p, q] = Self::rail_of(triangle, self.triangles[triangle]).map(|i| self.points[i]);
+        pierce(face, p, q)
+    }
+
+    /// Whether the segment that a triangle has on one of the two lines is on the present one.
+    #[must_use]
+    pub fn is_rail_now(triangle: usize) -> bool {
+        !triangle.is_multiple_of(2)
+    }
+
+    fn rail_of(triangle: usize, [i, j, k]: [usize; 3]) -> [usize; 2] {
+        if Self::is_rail_now(triangle) { [k, j] } else { [i, j] }
     }
 
     /// The paths of tip and heel in this step.
@@ -227,29 +243,31 @@ impl Plane {
 /// Area of a triangle inside a positive tetrahedron, by clipping (Sutherland & Hodgman 1974).
 fn clipped_area(triangle: [DVec3; 3], planes: &[Plane; 4]) -> f64 {
     // Most triangles are wholly beyond one face or inside all four.
-    let mut crosses = false;
+    let mut crossed: SmallVec<[&Plane; 4]> = SmallVec::new();
     for plane in planes {
-        let out = triangle.iter().filter(|p| plane.height(**p) > 0.0).count();
-        if out == 3 {
-            return 0.0;
+        match triangle.iter().filter(|p| plane.height(**p) > 0.0).count() {
+            0 => {}
+            3 => return 0.0,
+            _ => crossed.push(plane),
         }
-        crosses |= out > 0;
     }
-    if !crosses {
+    if crossed.is_empty() {
         return (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).length() / 2.0;
     }
     let mut polygon: SmallVec<[DVec3; 8]> = triangle.into_iter().collect();
-    for plane in planes {
+    for plane in crossed {
         let mut kept: SmallVec<[DVec3; 8]> = SmallVec::new();
-        for (m, &p) in polygon.iter().enumerate() {
-            let q = polygon[(m + 1) % polygon.len()];
-            let (hp, hq) = (plane.height(p), plane.height(q));
-            if hp <= 0.0 {
-                kept.push(p);
-            }
+        let Some(&last) = polygon.last() else { return 0.0 };
+        let (mut p, mut hp) = (last, plane.height(last));
+        for &q in &polygon {
+            let hq = plane.height(q);
             if (hp < 0.0 && hq > 0.0) || (hp > 0.0 && hq < 0.0) {
                 kept.push(p + (q - p) * (hp / (hp - hq)));
             }
+            if hq <= 0.0 {
+                kept.push(q);
+            }
+            (p, hp) = (q, hq);
         }
         polygon = kept;
         if polygon.len() < 3 {
