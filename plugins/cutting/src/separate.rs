@@ -60,12 +60,12 @@ impl FacePairs {
         self.table.resize((6 * children).next_power_of_two(), Self::NONE);
     }
 
-    /// The child that gave this face before, if one did.
+    /// The child that gave this face before, if one did. The hash is the same for both orders of the two vertices.
     fn pair(&mut self, face: [Vertex; 2], hash: u64, child: u32) -> Option<usize> {
         let mask = self.table.len() - 1;
         let mut at = (hash ^ (hash >> 32)) as usize & mask;
         while let Some((known, first)) = self.faces.get(self.table[at] as usize) {
-            if *known == face {
+            if *known == face || *known == [face[1], face[0]] {
                 return Some(*first as usize);
             }
             at = (at + 1) & mask;
@@ -148,8 +148,7 @@ impl Cutter {
             let [a, b, c] = [1, 2, 3].map(|k| key[(usize::from(member.at) + k) % 4]);
             let [ha, hb, hc] = [a, b, c].map(|v| FxBuildHasher.hash_one(v));
             for (a, b, hash) in [(a, b, ha.wrapping_add(hb)), (a, c, ha.wrapping_add(hc)), (b, c, hb.wrapping_add(hc))] {
-                let face = if a < b { [a, b] } else { [b, a] };
-                if let Some(j) = pairs.pair(face, hash, i as u32)
+                if let Some(j) = pairs.pair([a, b], hash, i as u32)
                     && !self.stroke.is_marked(&[vertex, a, b], [member.label, incident[j].label])
                 {
                     let (a, b) = (root(parent, i), root(parent, j));
@@ -167,8 +166,8 @@ impl Cutter {
             for v in key(member) {
                 if let Vertex::Corner(n) = v
                     && is_tag(vertex, n)
-                    && !self.stroke.on_sheet.contains_key(&n)
                     && !groups[at].tags.contains(&n)
+                    && !self.stroke.on_sheet.contains_key(&n)
                 {
                     groups[at].tags.push(n);
                 }
