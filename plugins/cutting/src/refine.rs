@@ -291,8 +291,9 @@ impl Cutter {
             for i in 0..self.stroke.touched[place].children.len() {
                 let key = self.stroke.touched[place].children[i].key;
                 self.stroke.touched[place].children[i].label = self.stroke.child_label(&key, corners, labels);
-                vertices.extend(key.iter().filter(|v| self.stroke.is_on_sheet(**v)));
             }
+            let touched = &self.stroke.touched[place];
+            self.add_sheet_vertices(corners, &touched.faces, &touched.edges, &mut vertices);
         }
         self.stroke.stale_labels = stale;
         vertices
@@ -316,11 +317,10 @@ impl Cutter {
         let corners = self.before.corners(mesh.topology(), plan.base);
         let labels = self.stroke.labels(corners);
         let mut old = std::mem::replace(&mut self.stroke.touched[place].children, self.spare.pop().unwrap_or_default());
-        for child in &old {
-            vertices.extend(child.key.iter().filter(|v| self.stroke.is_on_sheet(**v)));
-        }
+        let touched = &self.stroke.touched[place];
+        self.add_sheet_vertices(corners, &touched.faces, &touched.edges, vertices);
+        self.add_sheet_vertices(corners, &plan.faces, &plan.edges, vertices);
         for &key in keys {
-            vertices.extend(key.iter().filter(|v| self.stroke.is_on_sheet(**v)));
             let label = self.stroke.child_label(&key, corners, labels);
             let placed = match old.iter().position(|c| c.key == key) {
                 Some(i) => Placed { label, ..old.swap_remove(i) },
@@ -338,6 +338,13 @@ impl Cutter {
         self.spare.push(old);
         self.stroke.touched[place].faces.clone_from(&plan.faces);
         self.stroke.touched[place].edges.clone_from(&plan.edges);
+    }
+
+    /// Adds the vertices on the sheet that the children of a base tetrahedron have when these faces and edges of it have points.
+    fn add_sheet_vertices(&self, corners: [NodeId; 4], faces: &[FaceKey], edges: &[EdgeKey], vertices: &mut Vec<Vertex>) {
+        vertices.extend(corners.into_iter().filter(|n| self.stroke.on_sheet.contains_key(n)).map(Vertex::Corner));
+        vertices.extend(edges.iter().map(|e| Vertex::Edge(*e)));
+        vertices.extend(faces.iter().map(|f| Vertex::Face(*f)));
     }
 
     fn unnamed(&self, key: &Child) -> [NodeId; 4] {
