@@ -41,11 +41,21 @@ struct Scratch {
     groups: Vec<Group>,
 }
 
-/// Finds the two children at each face of a vertex: a table with open places, of faces by their two other vertices.
+/// A face of a child at a vertex.
+#[derive(Clone, Copy)]
+struct FaceAt {
+    /// The sum of the hashes of its two other vertices.
+    hash: u32,
+    /// Whose it is among the children at the vertex.
+    incident: u32,
+    /// Which of the child's vertices the two others are.
+    others: [u8; 2],
+}
+
+/// Finds the two children at each face of a vertex: a table with open places.
 #[derive(Default)]
 struct FacePairs {
-    /// The other vertices of a face, and its first child.
-    faces: Vec<([Vertex; 2], u32)>,
+    faces: Vec<FaceAt>,
     /// By hash: a place among the faces, or [`FacePairs::NONE`].
     table: Vec<u32>,
 }
@@ -60,20 +70,26 @@ impl FacePairs {
         self.table.resize((6 * children).next_power_of_two(), Self::NONE);
     }
 
-    /// The child that gave this face before, if one did. The hash is the same for both orders of the two vertices.
-    fn pair(&mut self, face: [Vertex; 2], hash: u64, child: u32) -> Option<usize> {
+    /// The same face of another child, if there was one before.
+    fn pair(&mut self, face: FaceAt, same: impl Fn(&FaceAt) -> bool) -> Option<FaceAt> {
         let mask = self.table.len() - 1;
-        let mut at = (hash ^ (hash >> 32)) as usize & mask;
-        while let Some((known, first)) = self.faces.get(self.table[at] as usize) {
-            if *known == face || *known == [face[1], face[0]] {
-                return Some(*first as usize);
+        let mut at = face.hash as usize & mask;
+        while let Some(known) = self.faces.get(self.table[at] as usize) {
+            if known.hash == face.hash && same(known) {
+                return Some(*known);
             }
             at = (at + 1) & mask;
         }
         self.table[at] = self.faces.len() as u32;
-        self.faces.push((face, child));
+        self.faces.push(face);
         None
     }
+}
+
+/// A hash of a vertex, for quick comparison.
+pub(crate) fn hash_of(vertex: Vertex) -> u32 {
+    let hash = FxBuildHasher.hash_one(vertex);
+    (hash ^ (hash >> 32)) as u32
 }
 
 impl Cutter {
@@ -126,10 +142,11 @@ impl Cutter {
         let has_all = |t: &TetId| self.before.place(*t).is_some_and(|p| others.iter().all(|n| self.before.place_corners(p).contains(n)));
         let mut bases: SmallVec<[TetId; 32]> = touched.filter(has_all).collect();
         bases.sort_unstable();
+        let hash = hash_of(vertex);
         for base in bases {
             let Some(place) = self.before.place(base) else { continue };
             for (child, placed) in self.stroke.touched[place].children.iter().enumerate() {
-                if let Some(at) = placed.key.iter().position(|v| *v == vertex) {
+                if let Some(at) = (0..4).find(|&k| placed.hashes[k] == hash && placed.key[k] == vertex) {
                     incident.push(Incident { base, place: place as u32, child: child as u32, label: placed.label, at: at as u8 });
                 }
             }
@@ -142,15 +159,21 @@ impl Cutter {
         parent.clear();
         parent.extend(0..incident.len());
         pairs.reset(incident.len());
-        let key = |m: &Incident| self.stroke.touched[m.place as usize].children[m.child as usize].key;
+        let child = |m: &Incident| &self.stroke.touched[m.place as usize].children[m.child as usize];
         for (i, member) in incident.iter().enumerate() {
-            let key = key(member);
-            let [a, b, c] = [1, 2, 3].map(|k| key[(usize::from(member.at) + k) % 4]);
-            let [ha, hb, hc] = [a, b, c].map(|v| FxBuildHasher.hash_one(v));
-            for (a, b, hash) in [(a, b, ha.wrapping_add(hb)), (a, c, ha.wrapping_add(hc)), (b, c, hb.wrapping_add(hc))] {
-                if let Some(j) = pairs.pair([a, b], hash, i as u32)
-                    && !self.stroke.is_marked(&[vertex, a, b], [member.label, incident[j].label])
-                {
+            let placed = child(member);
+            let [a, b, c] = [1, 2, 3].map(|k| (member.at + k) % 4);
+            for others in [[a, b], [a, c], [b, c]] {
+                let [a, b] = others.map(|k| placed.key[usize::from(k)]);
+                let [ha, hb] = others.map(|k| placed.hashes[usize::from(k)]);
+                let face = FaceAt { hash: ha.wrapping_add(hb), incident: i as u32, others };
+                let pair = pairs.pair(face, |known| {
+                    let key = &child(&incident[known.incident as usize]).key;
+                    let [c, d] = known.others.map(|k| key[usize::from(k)]);
+                    (a == c && b == d) || (a == d && b == c)
+                });
+                let Some(j) = pair.map(|p| p.incident as usize) else { continue };
+                if !self.stroke.is_marked(&[vertex, a, b], [member.label, incident[j].label]) {
                     let (a, b) = (root(parent, i), root(parent, j));
                     parent[a.max(b)] = a.min(b);
                 }
@@ -163,7 +186,7 @@ impl Cutter {
                 groups.push(Group { root, tags: SmallVec::new() });
                 groups.len() - 1
             });
-            for v in key(member) {
+            for v in child(member).key {
                 if let Vertex::Corner(n) = v
                     && is_tag(vertex, n)
                     && !groups[at].tags.contains(&n)

@@ -40,6 +40,8 @@ pub(crate) type FaceWeights = [f64; 3];
 #[derive(Clone, Debug)]
 pub(crate) struct Placed {
     pub key: Child,
+    /// A hash of each vertex of the key: where they differ, so do the vertices.
+    pub hashes: [u32; 4],
     pub nodes: [NodeId; 4],
     /// Its slot; `None` until it has been added.
     pub id: Option<TetId>,
