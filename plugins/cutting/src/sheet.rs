@@ -56,6 +56,8 @@ pub struct Hit {
     pub t: f64,
     /// The side of the sheet that the first point lies on: +1 or -1.
     pub side: i8,
+    /// Distances of the two points from the plane of the sheet where it is crossed, m.
+    pub away: [f64; 2],
 }
 
 /// One step of the sheet: from the line `before` to the line `now`, which have the same number of points, tip first.
@@ -153,7 +155,9 @@ impl Strip {
         let n = (b - a).cross(c - a);
         let (dp, dq) = (n.dot(p - a).abs(), n.dot(q - a).abs());
         let t = if dp + dq > 0.0 { dp / (dp + dq) } else { 0.5 };
-        Some(Hit { t, side: sp })
+        let length = n.length();
+        let away = if length > 0.0 { [dp / length, dq / length] } else { [t, 1.0 - t].map(|s| s * p.distance(q)) };
+        Some(Hit { t, side: sp, away })
     }
 
     /// Where the segment that a triangle has on one of the two lines goes through a face with the given box.

@@ -30,6 +30,9 @@ impl Cutter {
             let [a, b] = edge.nodes().map(|n| mesh.rest(n));
             ((a + b) / 2.0).to_array().map(ordered_bits)
         });
+        for (edge, hit) in &ordered {
+            self.stick(mesh, *edge, Hit { side: hit.side * turn, ..*hit }, affected);
+        }
         for (edge, hit) in ordered {
             self.record_hit(mesh, edge, Hit { side: hit.side * turn, ..hit }, affected);
         }
@@ -56,9 +59,6 @@ impl Cutter {
             let sides = &self.stroke.node_sides;
             (sides.get(&low).copied().unwrap_or(hit.side), sides.get(&high).copied().unwrap_or(-hit.side))
         };
-        if self.stick(mesh, edge, hit, affected) {
-            return;
-        }
         match (at_low == hit.side, at_high == -hit.side) {
             (true, true) | (false, false) => {
                 self.tell_side(mesh, low, at_low);
@@ -79,28 +79,25 @@ impl Cutter {
 
     /// Lets the sheet go through a node of an earlier cut that it passes within [`STICK`] of, when nothing that is released stands against it. The node stays where
     /// it is, so that a blade that comes back through a cut runs along it instead of cutting ever thinner slices.
-    fn stick(&mut self, mesh: &TetMesh, edge: EdgeKey, hit: Hit, affected: &mut Vec<TetId>) -> bool {
+    fn stick(&mut self, mesh: &TetMesh, edge: EdgeKey, hit: Hit, affected: &mut Vec<TetId>) {
         let [low, high] = edge.nodes();
-        if [low, high].iter().any(|n| self.stroke.on_sheet.contains_key(n)) {
-            return false;
+        for (node, other, side, away) in [(low, high, hit.side, hit.away[0]), (high, low, -hit.side, hit.away[1])] {
+            if !self.on_wound.get(node.index()).copied().unwrap_or(false)
+                || away > STICK * self.mean_edge_m()
+                || self.stroke.on_sheet.contains_key(&node)
+            {
+                continue;
+            }
+            let neighbours = self.neighbours(mesh, node);
+            if neighbours.iter().any(|n| self.stroke.released(EdgeKey::new(node, *n)).is_some()) {
+                continue;
+            }
+            if !self.stroke.node_sides.contains_key(&other) {
+                self.tell_side(mesh, other, -side);
+            }
+            let side = self.stroke.node_sides.get(&node).copied().unwrap_or(side);
+            self.put_on_sheet(mesh, node, side, &neighbours, affected);
         }
-        let (node, side, part) = if hit.t <= 0.5 { (low, hit.side, hit.t) } else { (high, -hit.side, 1.0 - hit.t) };
-        if !self.on_wound.get(node.index()).copied().unwrap_or(false)
-            || part * mesh.rest(low).distance(mesh.rest(high)) > STICK * self.mean_edge_m()
-        {
-            return false;
-        }
-        let neighbours = self.neighbours(mesh, node);
-        if neighbours.iter().any(|n| self.stroke.released(EdgeKey::new(node, *n)).is_some()) {
-            return false;
-        }
-        let other = if node == low { high } else { low };
-        if !self.stroke.node_sides.contains_key(&other) {
-            self.tell_side(mesh, other, -side);
-        }
-        let side = self.stroke.node_sides.get(&node).copied().unwrap_or(side);
-        self.put_on_sheet(mesh, node, side, &neighbours, affected);
-        true
     }
 
     /// Lets the sheet go through a node: its crossings are dropped.
