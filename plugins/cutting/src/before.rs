@@ -24,6 +24,12 @@ impl Before {
     /// Makes room for the slots of the mesh.
     pub fn grow(&mut self, tet_slots: usize) {
         if self.parent.len() < tet_slots {
+            if self.parent.capacity() < tet_slots {
+                // An eighth more than asked for, so that it seldom copies.
+                let more = tet_slots + tet_slots / 8 - self.parent.len();
+                self.parent.reserve_exact(more);
+                self.place.reserve_exact(more);
+            }
             self.parent.resize(tet_slots, NONE);
             self.place.resize(tet_slots, NONE);
         }

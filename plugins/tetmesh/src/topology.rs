@@ -14,6 +14,11 @@ pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 const NONE: u32 = u32::MAX;
 
+/// A number of slots and an eighth more.
+pub(crate) fn with_room(slots: usize) -> usize {
+    slots + slots / 8
+}
+
 /// Tetrahedra with face adjacency and the list of tetrahedra around each node.
 #[derive(Clone, Debug, Default)]
 pub struct Topology {
@@ -24,6 +29,13 @@ pub struct Topology {
 }
 
 impl Topology {
+    /// Makes room for as many tetrahedra and nodes as a mesh has and an eighth more, so that the first edit of a large mesh does not copy it.
+    pub(crate) fn reserve(&mut self, tets: usize, nodes: usize) {
+        self.corners.reserve_exact(with_room(tets));
+        self.neighbours.reserve_exact(with_room(tets));
+        self.around.reserve_exact(with_room(nodes));
+    }
+
     /// Number of tetrahedra.
     #[must_use]
     pub fn len(&self) -> usize {
