@@ -140,11 +140,6 @@ impl Stroke {
         self.crossings.get(&edge).filter(|c| c.state == CrossingState::Released)
     }
 
-    /// Whether the crossing of an edge is known but not effective.
-    pub fn is_waiting(&self, edge: EdgeKey) -> bool {
-        self.crossings.get(&edge).is_some_and(|c| c.state == CrossingState::Recorded)
-    }
-
     /// Side labels of the corners of a base tetrahedron: +1, -1, or 0 for those on the sheet and those not known.
     pub fn labels(&self, corners: [NodeId; 4]) -> [i8; 4] {
         std::array::from_fn(|i| {
