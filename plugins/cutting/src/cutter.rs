@@ -52,6 +52,7 @@ pub struct Cutter {
     pub(crate) operations: Operations,
     /// Lists of children to use again.
     pub(crate) spare: Vec<Vec<Placed>>,
+    /// Room for a search to use again.
     pub(crate) search: Search,
     kerf_m: f64,
     removed_m3: f64,

@@ -91,8 +91,8 @@ impl Cutter {
         let states = edges.map(|e| self.stroke.crossings.get(&e).map(|c| c.state));
         let those_in = |state: CrossingState| {
             let mut found: SmallVec<[usize; 3]> = SmallVec::new();
-            for i in 0..3 {
-                if states[i] == Some(state) {
+            for (i, known) in states.into_iter().enumerate() {
+                if known == Some(state) {
                     found.push(i);
                 }
             }
