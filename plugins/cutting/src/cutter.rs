@@ -271,10 +271,8 @@ impl Cutter {
             meeting.border.extend(meeting.front.iter().map(|(f, w)| (*f, *w)));
         }
         // Faces that a line or its ends pierce or pierced, and tetrahedra that the line has entered or left.
-        let mut faces: Vec<FaceKey> =
+        let faces: Vec<FaceKey> =
             [&self.stroke.front, &meeting.front, &meeting.border].into_iter().flat_map(|f| f.keys().copied()).collect();
-        faces.sort_unstable();
-        faces.dedup();
         let (was, is) = (&self.stroke.occupied.tets, &meeting.occupied.tets);
         let mut candidates: Vec<TetId> = was.symmetric_difference(is).copied().collect();
         self.record_hits(mesh, meeting.hits, &mut candidates);

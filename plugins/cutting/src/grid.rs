@@ -1,6 +1,6 @@
 //! A uniform grid over the rest shape: which base tetrahedra are near a point. Kept up as tetrahedra come and go.
 
-use keyhole_tetmesh::{DVec3, TetId};
+use keyhole_tetmesh::{DVec3, FACES, TetId};
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
@@ -9,13 +9,13 @@ use smallvec::SmallVec;
 struct Cell(u64);
 
 impl Cell {
-    fn new(x: i32, y: i32, z: i32) -> Self {
+    fn new([x, y, z]: [i32; 3]) -> Self {
         let low = |i: i32| u64::from(i as u32 & 0x1f_ffff);
         Self(low(x) << 42 | low(y) << 21 | low(z))
     }
 }
 
-/// Base tetrahedra by the cells that their boxes overlap.
+/// Base tetrahedra by the cells that they overlap, and some that they pass close by.
 #[derive(Clone, Debug)]
 pub(crate) struct RestGrid {
     cell_m: f64,
@@ -29,14 +29,25 @@ impl RestGrid {
     }
 
     pub fn insert(&mut self, tet: TetId, points: [DVec3; 4]) {
-        let range = self.range(points);
-        range.each(|cell| self.cells.entry(cell).or_default().push(tet));
+        // A cell that lies beyond a face does not overlap the tetrahedron. Half its edge, and enough more for rounding.
+        let half = self.cell_m * (0.5 + 1e-6);
+        let beyond = FACES.map(|[i, j, k]| {
+            let normal = (points[j] - points[i]).cross(points[k] - points[i]);
+            (normal, normal.dot(points[i]) + half * normal.abs().element_sum())
+        });
+        let cell_m = self.cell_m;
+        self.range(points).each(|place| {
+            let middle = (DVec3::from_array(place.map(f64::from)) + 0.5) * cell_m;
+            if beyond.iter().all(|(normal, limit)| normal.dot(middle) <= *limit) {
+                self.cells.entry(Cell::new(place)).or_default().push(tet);
+            }
+        });
     }
 
     pub fn remove(&mut self, tet: TetId, points: [DVec3; 4]) {
         let range = self.range(points);
-        range.each(|cell| {
-            if let Some(list) = self.cells.get_mut(&cell) {
+        range.each(|place| {
+            if let Some(list) = self.cells.get_mut(&Cell::new(place)) {
                 list.retain(|t| *t != tet);
             }
         });
@@ -46,7 +57,7 @@ impl RestGrid {
     pub fn remove_all(&mut self, boxes: impl Iterator<Item = [DVec3; 4]>, stays: impl Fn(TetId) -> bool) {
         let mut cells: Vec<Cell> = Vec::new();
         for points in boxes {
-            self.range(points).each(|cell| cells.push(cell));
+            self.range(points).each(|place| cells.push(Cell::new(place)));
         }
         cells.sort_unstable();
         cells.dedup();
@@ -57,16 +68,15 @@ impl RestGrid {
         }
     }
 
-    /// The tetrahedra whose boxes overlap the cell of a point.
+    /// The tetrahedra that overlap the cell of a point.
     pub fn near(&self, point: DVec3) -> &[TetId] {
-        let [x, y, z] = self.place_of(point);
-        self.cells.get(&Cell::new(x, y, z)).map_or(&[], SmallVec::as_slice)
+        self.cells.get(&Cell::new(self.place_of(point))).map_or(&[], SmallVec::as_slice)
     }
 
-    /// Gives the tetrahedra whose boxes overlap a cell that the box of some points overlaps; some more than once.
+    /// Gives the tetrahedra that overlap a cell that the box of some points overlaps; some more than once.
     pub fn touching(&self, points: [DVec3; 4], mut give: impl FnMut(TetId)) {
-        self.range(points).each(|cell| {
-            for tet in self.cells.get(&cell).into_iter().flatten() {
+        self.range(points).each(|place| {
+            for tet in self.cells.get(&Cell::new(place)).into_iter().flatten() {
                 give(*tet);
             }
         });
@@ -90,12 +100,12 @@ struct Range {
 }
 
 impl Range {
-    fn each(&self, mut give: impl FnMut(Cell)) {
+    fn each(&self, mut give: impl FnMut([i32; 3])) {
         let Self { low, high } = self;
         for x in low[0]..=high[0] {
             for y in low[1]..=high[1] {
                 for z in low[2]..=high[2] {
-                    give(Cell::new(x, y, z));
+                    give([x, y, z]);
                 }
             }
         }

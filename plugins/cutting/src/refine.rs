@@ -55,7 +55,7 @@ impl Cutter {
         }
     }
 
-    /// Brings the mesh up to what is released around the candidates (base tetrahedra, in any order) and in the faces given.
+    /// Brings the mesh up to what is released around the candidates (base tetrahedra) and in the faces given, both in any order.
     pub(crate) fn refine(&mut self, mesh: &mut TetMesh, mut candidates: Vec<TetId>, faces: &[FaceKey]) {
         candidates.sort_unstable();
         candidates.dedup();
