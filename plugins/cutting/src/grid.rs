@@ -29,16 +29,19 @@ impl RestGrid {
     }
 
     pub fn insert(&mut self, tet: TetId, points: [DVec3; 4]) {
-        // A cell that lies beyond a face does not overlap the tetrahedron. Half its edge, and enough more for rounding.
-        let half = self.cell_m * (0.5 + 1e-6);
-        let beyond = FACES.map(|[i, j, k]| {
+        // A cell that lies beyond a face does not overlap the tetrahedron. Half of its edge, and what rounding may move its middle by.
+        let largest = points.into_iter().fold(0.0, |m: f64, p| m.max(p.abs().max_element()));
+        let half = 0.5 * self.cell_m + 8.0 * f64::EPSILON * largest;
+        let faces = FACES.map(|[i, j, k]| {
             let normal = (points[j] - points[i]).cross(points[k] - points[i]);
-            (normal, normal.dot(points[i]) + half * normal.abs().element_sum())
+            (points[i], normal, half * normal.abs().element_sum())
         });
         let cell_m = self.cell_m;
         self.range(points).each(|place| {
             let middle = (DVec3::from_array(place.map(f64::from)) + 0.5) * cell_m;
-            if beyond.iter().all(|(normal, limit)| normal.dot(middle) <= *limit) {
+            // So far out that cells cannot be numbered, the last one holds all.
+            let is_last = place.iter().any(|i| *i == i32::MAX || *i == i32::MIN);
+            if is_last || faces.iter().all(|(point, normal, reach)| normal.dot(middle - *point) <= *reach) {
                 self.cells.entry(Cell::new(place)).or_default().push(tet);
             }
         });
