@@ -1,6 +1,9 @@
 //! From a blade's sample to the topology message, against the size of the mesh: the same strokes at the same local edge length in blocks of
 //! 5 000, 50 000 and 500 000 tetrahedra, and the memory that mesh, adjacency and cutter take. `cargo bench -p keyhole-cutting`.
 //!
+//! Every case runs three times from the same mesh, which is the same work to the bit, and the least time of each sample counts: what differs is the
+//! other work of the machine.
+//!
 //! Beside each figure stands what the answer is worth: how far the opened area is from the swept one, and whether rest volume was kept.
 
 #[path = "../tests/common/mod.rs"]
@@ -22,6 +25,8 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 /// Edge of the cubes, m; each is five tetrahedra.
 const H: f64 = 0.004;
+/// How often each case runs.
+const RUNS: usize = 3;
 const SIZES: [[usize; 3]; 3] = [[10, 10, 10], [22, 21, 22], [46, 47, 46]];
 
 /// Where the blade is in each sample: strokes half-way through the smallest block, side by side, a quarter of a cube a sample.
@@ -60,15 +65,54 @@ fn run(cubes: [usize; 3], method: CutMethod) {
         let change = memory.change();
         change.bytes_allocated as i64 - change.bytes_deallocated as i64 + change.bytes_reallocated as i64
     };
-    let mut mesh: TetMesh = block(cubes, H, 0.2);
+    let mesh = block(cubes, H, 0.2);
     // The block is standing with its top at the same height and the strokes near one corner, whatever its size.
     let top = DVec3::Y * (10.0 - cubes[1] as f64) * H;
     let tets = mesh.tet_count();
     let mesh_bytes = held() / tets as i64;
-    let mut cutter = Cutter::new(&mesh);
+    let cutter = Cutter::new(&mesh);
     let bytes = held() / tets as i64;
-    cutter.set_settings(settings(method, CutPattern::Minimal, 0.2));
     let volume = mesh.total_volume();
+    drop((mesh, cutter));
+    let mut least: Vec<f64> = Vec::new();
+    let mut last = None;
+    for _ in 0..RUNS {
+        let run = cut(block(cubes, H, 0.2), method, top);
+        least = if least.is_empty() { run.times } else { least.iter().zip(run.times).map(|(a, b)| a.min(b)).collect() };
+        last = Some((run.allocations, run.opened / run.swept, run.volume));
+    }
+    let Some((allocations, opened, end)) = last else { return };
+    least.sort_by(f64::total_cmp);
+    let at = |q: f64| least[((least.len() - 1) as f64 * q).round() as usize];
+    let mean = allocations.iter().sum::<f64>() / allocations.len() as f64;
+    println!(
+        "| {tets} | {method:?} | {:.0} | {:.0} | {:.0} | {mean:.0} | {mesh_bytes} | {bytes} | {:.3} | {:+.0e} |",
+        at(0.5),
+        at(0.99),
+        at(1.0),
+        opened,
+        end / volume - 1.0
+    );
+}
+
+/// What one run measured.
+struct Run {
+    /// By sample, us.
+    times: Vec<f64>,
+    /// By sample.
+    allocations: Vec<f64>,
+    /// Area that the blade swept in the tissue, m2.
+    swept: f64,
+    /// Area that is open at the end, m2.
+    opened: f64,
+    /// Rest volume at the end, m3.
+    volume: f64,
+}
+
+/// Cuts all strokes into a block whose rest shape is moved by `top` (m) and bent a little.
+fn cut(mut mesh: TetMesh, method: CutMethod, top: DVec3) -> Run {
+    let mut cutter = Cutter::new(&mesh);
+    cutter.set_settings(settings(method, CutPattern::Minimal, 0.2));
     let mut map = MaterialMap::default();
     let (mut times, mut allocations, mut swept) = (Vec::new(), Vec::new(), 0.0);
     let bend = |p: DVec3| (p + top + DVec3::new(0.0, 0.0, 0.02 * H * (p.x / H).sin())).as_vec3();
@@ -98,15 +142,5 @@ fn run(cubes: [usize; 3], method: CutMethod) {
         velocities.resize(positions.len(), Default::default());
     }
     cutter.end_stroke(&mut mesh);
-    times.sort_by(f64::total_cmp);
-    let at = |q: f64| times[((times.len() - 1) as f64 * q).round() as usize];
-    let mean = allocations.iter().sum::<f64>() / allocations.len() as f64;
-    println!(
-        "| {tets} | {method:?} | {:.0} | {:.0} | {:.0} | {mean:.0} | {mesh_bytes} | {bytes} | {:.3} | {:+.0e} |",
-        at(0.5),
-        at(0.99),
-        at(1.0),
-        cutter.opened_m2(&mesh) / swept,
-        mesh.total_volume() / volume - 1.0
-    );
+    Run { times, allocations, swept, opened: cutter.opened_m2(&mesh), volume: mesh.total_volume() }
 }

@@ -24,6 +24,12 @@ impl Before {
     /// Makes room for the slots of the mesh.
     pub fn grow(&mut self, tet_slots: usize) {
         if self.parent.len() < tet_slots {
+            if self.parent.capacity() < tet_slots {
+                // An eighth more than asked for, so that it seldom copies.
+                let more = tet_slots + tet_slots / 8 - self.parent.len();
+                self.parent.reserve_exact(more);
+                self.place.reserve_exact(more);
+            }
             self.parent.resize(tet_slots, NONE);
             self.place.resize(tet_slots, NONE);
         }
@@ -57,6 +63,14 @@ impl Before {
     /// The four nodes of a base tetrahedron.
     pub fn corners(&self, topology: &Topology, base: TetId) -> [NodeId; 4] {
         self.place(base).map_or_else(|| topology.corners(base), |p| self.corners[p])
+    }
+
+    /// The four nodes of a tetrahedron when it is one of the base.
+    pub fn known_corners(&self, topology: &Topology, tet: TetId) -> Option<[NodeId; 4]> {
+        match self.place(tet) {
+            Some(place) => Some(self.corners[place]),
+            None => (topology.contains(tet) && self.parent(tet).is_none()).then(|| topology.corners(tet)),
+        }
     }
 
     /// The key of face `face` of a base tetrahedron.

@@ -3,6 +3,7 @@
 use crate::before::Before;
 use crate::course::{BladeId, Course};
 use crate::grid::RestGrid;
+use crate::meet::Search;
 use crate::sheet::{Aabb, contains};
 use crate::stroke::{Placed, Stroke};
 use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, TetId, TetMesh};
@@ -66,6 +67,8 @@ pub struct Cutter {
     pub(crate) operations: Operations,
     /// Lists of children to use again.
     pub(crate) spare: Vec<Vec<Placed>>,
+    /// Room for a search to use again.
+    pub(crate) search: Search,
     pub(crate) removed_m3: f64,
     pub(crate) committed_area_m2: f64,
     mean_edge_m: f64,
@@ -106,6 +109,7 @@ impl Cutter {
             settings: CutSettings::default(),
             operations: Operations::default(),
             spare: Vec::new(),
+            search: Search::default(),
             removed_m3: 0.0,
             committed_area_m2: 0.0,
             mean_edge_m,
@@ -193,7 +197,7 @@ impl Cutter {
 
     fn holds(&self, mesh: &TetMesh, base: TetId, p: DVec3) -> bool {
         let corners = self.before.corners(mesh.topology(), base).map(|n| mesh.rest(n));
-        Aabb::of(&corners).overlaps(&Aabb::of(&[p])) && contains(corners, p)
+        Aabb::of(&corners).holds(p) && contains(corners, p)
     }
 
     /// Whether a later step may still change this tetrahedron of the mesh.

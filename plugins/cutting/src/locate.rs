@@ -75,21 +75,48 @@ impl Deformed<'_> {
         hint.node.map_or(f64::INFINITY, |n| self.at(n).distance(x))
     }
 
-    /// A node that is nearer to `x` than all of its neighbours, from the better of a start and the nearest landmark.
+    /// A node that is nearer to `x` than all of its neighbours and than those across a cut, from the better of a start and the nearest landmark.
     fn nearest_node(&self, x: DVec3, start: Option<NodeId>) -> Option<NodeId> {
-        let measured = |n: NodeId| (self.at(n).distance_squared(x), n);
-        let starts =
-            start.into_iter().chain(self.cutter.landmarks().iter().copied()).filter(|n| !self.mesh.topology().around_node(*n).is_empty());
-        let mut best = starts.map(measured).filter(|m| m.0.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0))?;
-        loop {
-            let around = self.mesh.topology().around_node(best.1);
-            let next =
-                around.iter().flat_map(|t| self.mesh.corners(*t)).map(measured).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            match next {
-                Some(next) if next.0 < best.0 => best = next,
-                _ => return Some(best.1),
+        let mut best = (f64::INFINITY, NodeId(u32::MAX));
+        for node in start.into_iter().chain(self.cutter.landmarks().iter().copied()) {
+            let distance = self.at(node).distance_squared(x);
+            if distance < best.0 && !self.mesh.topology().around_node(node).is_empty() {
+                best = (distance, node);
             }
         }
+        if best.0.is_infinite() {
+            return None;
+        }
+        loop {
+            let around = self.mesh.topology().around_node(best.1);
+            let next = self.nearest_of(x, around.iter().flat_map(|t| self.mesh.corners(*t)));
+            match next.filter(|n| n.0 < best.0).or_else(|| self.across(best.1, x).filter(|n| n.0 < best.0)) {
+                Some(nearer) => best = nearer,
+                None => return Some(best.1),
+            }
+        }
+    }
+
+    /// The nearest of some nodes, with its squared distance from `x`, m2.
+    fn nearest_of(&self, x: DVec3, nodes: impl Iterator<Item = NodeId>) -> Option<(f64, NodeId)> {
+        let mut best = (f64::INFINITY, NodeId(u32::MAX));
+        for node in nodes {
+            let distance = self.at(node).distance_squared(x);
+            if distance < best.0 || (distance == best.0 && node < best.1) {
+                best = (distance, node);
+            }
+        }
+        best.0.is_finite().then_some(best)
+    }
+
+    /// The nearest node between a node and `x` in the rest shape, where no cut stands in the way; of each tetrahedron there one node is looked
+    /// at, for the search goes on from it.
+    fn across(&self, node: NodeId, x: DVec3) -> Option<(f64, NodeId)> {
+        let from = self.mesh.rest(node);
+        let offset = self.map_of(*self.mesh.topology().around_node(node).first()?)? * (x - self.at(node));
+        let parts = (offset.length() / self.cutter.mean_edge_m()).ceil().clamp(1.0, LONGEST_WALK as f64) as usize;
+        let places = (1..=parts).map(|i| from + offset * (i as f64 / parts as f64));
+        self.nearest_of(x, places.flat_map(|p| self.cutter.tets_near(p)).map(|t| self.mesh.corners(t)[0]))
     }
 
     fn walk(&self, start: TetId, x: DVec3) -> Option<Anchor> {

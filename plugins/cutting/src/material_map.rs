@@ -137,7 +137,8 @@ impl MaterialMap {
         let parts = (moved / (STEP * edge)).ceil().max(1.0);
         let mut steps: Vec<Vec<DVec3>> = Vec::new();
         let mut left = false;
-        for k in 0..=parts as usize {
+        // The tissue's own motion since the last call and the first part of the blade's are one step.
+        for k in usize::from(self.begun)..=parts as usize {
             let line = before.between(&now, k as f64 / parts);
             let world: Vec<DVec3> = (0..count).map(|i| line.point(i, count)).collect();
             let found: Vec<Option<Anchor>> = world.iter().zip(&mut self.hints).map(|(x, hint)| deformed.find(*x, hint)).collect();

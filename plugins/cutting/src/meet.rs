@@ -59,20 +59,19 @@ impl Meeting {
     /// Keeps where the border of the strip goes through a face. What of the strip goes through a face without crossing an edge of it ends there.
     fn pierce(&mut self, strip: &Strip, key: FaceKey, face: [DVec3; 3], near: &[usize]) -> Option<Pierced> {
         let bounds = Aabb::of(&face);
-        let through = |[p, q]: [DVec3; 2]| if Aabb::of(&[p, q]).overlaps(&bounds) { pierce(face, p, q) } else { None };
         let (mut by_line, mut by_other) = (false, false);
         for &triangle in near {
-            let (segment, is_now) = strip.rail(triangle);
-            let Some(w) = through(segment) else { continue };
-            if is_now {
+            let Some(w) = strip.rail_through(triangle, face, &bounds) else { continue };
+            if Strip::is_rail_now(triangle) {
                 self.front.insert(key, w);
                 by_line = true;
             } else {
                 by_other = true;
             }
         }
-        for end in strip.ends() {
-            if let Some(w) = through(end) {
+        for [p, q] in strip.ends() {
+            let w = if Aabb::of(&[p, q]).overlaps(&bounds) { pierce(face, p, q) } else { None };
+            if let Some(w) = w {
                 self.border.insert(key, w);
                 by_other = true;
             }
@@ -83,100 +82,125 @@ impl Meeting {
 
 /// What of the border of a strip goes through a face.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Pierced {
+pub(crate) enum Pierced {
     /// The present line.
     ByLine,
     /// The line before, or the paths of the ends.
     ByOther,
 }
 
-/// Base tetrahedra to look at, each once.
-#[derive(Default)]
-struct Queue {
-    tets: Vec<TetId>,
-    seen: FxHashSet<TetId>,
+/// Room for one search, used again for the next.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Search {
+    /// Base tetrahedra to look at, each once.
+    queue: Vec<TetId>,
+    /// By tetrahedron slot, a bit each: whether it is in the queue.
+    seen: Vec<u64>,
+    /// Whether the strip crosses an edge.
+    tested: FxHashMap<EdgeKey, bool>,
+    pierced: FxHashMap<FaceKey, Option<Pierced>>,
+    /// Triangles of the strip near a tetrahedron.
+    near: Vec<usize>,
+    hits: Vec<Hit>,
 }
 
-impl Queue {
+impl Search {
+    /// Forgets the last search.
+    fn clear(&mut self, tet_slots: usize) {
+        for tet in self.queue.drain(..) {
+            self.seen[tet.index() / 64] = 0;
+        }
+        self.seen.resize(tet_slots.div_ceil(64), 0);
+        self.tested.clear();
+        self.pierced.clear();
+    }
+
     fn push(&mut self, tet: TetId) {
-        if self.seen.insert(tet) {
-            self.tets.push(tet);
+        let (word, bit) = (tet.index() / 64, 1 << (tet.index() % 64));
+        if self.seen[word] & bit == 0 {
+            self.seen[word] |= bit;
+            self.queue.push(tet);
         }
     }
 }
 
 impl Cutter {
     /// Everything that a strip meets.
-    pub(crate) fn meet(&self, mesh: &TetMesh, course: usize, strip: &Strip) -> Meeting {
+    pub(crate) fn meet(&mut self, mesh: &TetMesh, course: usize, strip: &Strip) -> Meeting {
+        let mut search = std::mem::take(&mut self.search);
+        search.clear(mesh.tet_slots());
+        let meeting = self.walk(mesh, course, strip, &mut search);
+        self.search = search;
+        meeting
+    }
+
+    fn walk(&self, mesh: &TetMesh, course: usize, strip: &Strip, search: &mut Search) -> Meeting {
         let topology = mesh.topology();
         let mut meeting = Meeting::default();
-        let mut queue = Queue::default();
-        let mut tested: FxHashMap<EdgeKey, bool> = FxHashMap::default();
-        let mut pierced: FxHashMap<FaceKey, Option<Pierced>> = FxHashMap::default();
         let mut known: Vec<TetId> = self.courses[course].occupied.tets.iter().copied().collect();
         known.sort_unstable();
         for tet in known {
-            queue.push(tet);
+            search.push(tet);
         }
-        self.seed(mesh, strip, &mut queue);
-        let (mut near, mut hits) = (Vec::new(), Vec::new());
+        self.seed(mesh, strip, search);
         let mut next = 0;
-        while let Some(&tet) = queue.tets.get(next) {
+        while let Some(&tet) = search.queue.get(next) {
             next += 1;
-            if !self.before.contains(topology, tet) {
-                continue;
-            }
-            let corners = self.before.corners(topology, tet);
+            let Some(corners) = self.before.known_corners(topology, tet) else { continue };
             let points = corners.map(|n| mesh.rest(n));
             let bounds = Aabb::of(&points);
-            strip.near(&bounds, &mut near);
-            if near.is_empty() {
+            strip.near(&bounds, &mut search.near);
+            if search.near.is_empty() {
                 continue;
             }
             for (node, point) in corners.into_iter().zip(points).filter(|(n, _)| self.is_wound_node(*n)) {
-                if strip.distance(point, &near) <= STICK * self.mean_edge_m() {
+                if strip.distance(point, &search.near) <= STICK * self.mean_edge_m() {
                     meeting.beside.push(node);
                 }
             }
             let mut meets = false;
             for [i, j] in EDGES {
                 let edge = EdgeKey::new(corners[i], corners[j]);
-                meets |= *tested.entry(edge).or_insert_with(|| {
+                let crossed = search.tested.get(&edge).copied().unwrap_or_else(|| {
                     let [a, b] = edge.nodes();
-                    hits.clear();
-                    strip.crossings(mesh.rest(a), mesh.rest(b), &near, &mut hits);
-                    meeting.record(edge, &hits);
-                    if !hits.is_empty() {
+                    search.hits.clear();
+                    strip.crossings(mesh.rest(a), mesh.rest(b), &search.near, &mut search.hits);
+                    meeting.record(edge, &search.hits);
+                    let crossed = !search.hits.is_empty();
+                    search.tested.insert(edge, crossed);
+                    if crossed {
                         for t in self.before.around_edge(topology, a, b) {
-                            queue.push(t);
+                            search.push(t);
                         }
                     }
-                    !hits.is_empty()
+                    crossed
                 });
+                meets |= crossed;
             }
-            for face in 0..4 {
-                let key = self.before.face_key(topology, tet, face);
-                let pierced = pierced.entry(key).or_insert_with(|| {
-                    let pierced = meeting.pierce(strip, key, key.nodes().map(|n| mesh.rest(n)), &near);
+            for face in keyhole_tetmesh::FACES {
+                let key = FaceKey::new(corners[face[0]], corners[face[1]], corners[face[2]]);
+                let pierced = search.pierced.get(&key).copied().unwrap_or_else(|| {
+                    let pierced = meeting.pierce(strip, key, key.nodes().map(|n| mesh.rest(n)), &search.near);
+                    search.pierced.insert(key, pierced);
                     if pierced.is_some() {
                         for other in self.before.around_face(topology, key) {
-                            queue.push(other);
+                            search.push(other);
                         }
                     }
                     pierced
                 });
                 meets |= pierced.is_some();
-                if *pierced == Some(Pierced::ByLine) {
+                if pierced == Some(Pierced::ByLine) {
                     meeting.occupied.insert(tet, corners);
                 }
             }
-            if strip.now().iter().any(|p| Aabb::of(&[*p]).overlaps(&bounds) && contains(points, *p)) {
+            if strip.now().iter().any(|p| bounds.holds(*p) && contains(points, *p)) {
                 meeting.occupied.insert(tet, corners);
                 meets = true;
             }
             if meets {
                 meeting.near.extend(corners);
-                meeting.area += strip.area_inside(points, &near);
+                meeting.area += strip.area_inside(points, &search.near);
             }
         }
         meeting.near.sort_unstable();
@@ -188,18 +212,16 @@ impl Cutter {
 
     /// Where a walk begins: the tetrahedra that hold the points of the present line, and all near the parts of the strip that are not deep in tissue
     /// from end to end, for there the strip may meet a corner of it between two points, or a piece that an earlier cut has parted from the others.
-    fn seed(&self, mesh: &TetMesh, strip: &Strip, queue: &mut Queue) {
+    fn seed(&self, mesh: &TetMesh, strip: &Strip, search: &mut Search) {
         let mut deep_before = false;
         for (j, point) in strip.now().iter().enumerate() {
             let holder = self.tet_at(mesh, *point);
             if let Some(tet) = holder {
-                queue.push(tet);
+                search.push(tet);
             }
             let deep = holder.is_some_and(|t| !self.before.corners(mesh.topology(), t).iter().any(|n| self.is_surface_node(*n)));
             if j > 0 && !(deep_before && deep) {
-                for tet in self.grid.touching(&strip.quad(j - 1)) {
-                    queue.push(tet);
-                }
+                self.grid.touching(strip.quad(j - 1), |tet| search.push(tet));
             }
             deep_before = deep;
         }

@@ -3,9 +3,10 @@
 use crate::cutter::Cutter;
 use crate::kernel::{Child, Vertex, subdivide_into};
 use crate::release::{FaceState, split_order, split_rank};
-use crate::stroke::{CrossingState, FaceWeights, Placed, Touched};
+use crate::separate::hash_of;
+use crate::stroke::{CrossingState, FaceWeights, Placed, SplitRank, Touched};
 use keyhole_tetmesh::quality::is_positive;
-use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FaceKey, NodeId, NodeWeights, TetId, TetMesh};
+use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FACES, FaceKey, NodeId, NodeWeights, TetId, TetMesh};
 use rustc_hash::FxHashSet;
 use smallvec::{SmallVec, smallvec};
 use std::ops::Range;
@@ -54,7 +55,7 @@ impl Cutter {
         }
     }
 
-    /// Brings the mesh up to what is released around the candidates (base tetrahedra, in any order) and in the faces given.
+    /// Brings the mesh up to what is released around the candidates (base tetrahedra) and in the faces given, both in any order.
     pub(crate) fn refine(&mut self, mesh: &mut TetMesh, mut candidates: Vec<TetId>, faces: &[FaceKey]) {
         candidates.sort_unstable();
         candidates.dedup();
@@ -115,7 +116,10 @@ impl Cutter {
             }
             let Some(&tet) = tets.get(next) else { break };
             next += 1;
-            pending.extend((0..4).map(|f| self.before.face_key(topology, tet, f)));
+            let corners = self.before.corners(topology, tet);
+            for [i, j, k] in FACES {
+                pending.push(FaceKey::new(corners[i], corners[j], corners[k]));
+            }
         }
         changes.faces.sort_unstable_by_key(|f| f.0);
         tets.sort_unstable();
@@ -139,24 +143,35 @@ impl Cutter {
     fn plan(&self, mesh: &TetMesh, base: TetId, changes: &mut Changes) {
         let topology = mesh.topology();
         let corners = self.before.corners(topology, base);
-        let mut faces: SmallVec<[(FaceState, FaceKey); 4]> = (0..4)
-            .map(|f| self.before.face_key(topology, base, f))
-            .filter_map(|f| self.stroke.face_points.get(&f).map(|(_, state)| (*state, f)))
-            .collect();
+        let mut faces: SmallVec<[(FaceState, FaceKey); 4]> = SmallVec::new();
+        for [i, j, k] in FACES {
+            let face = FaceKey::new(corners[i], corners[j], corners[k]);
+            if let Some((_, state)) = self.stroke.face_points.get(&face) {
+                faces.push((*state, face));
+            }
+        }
         faces.sort_unstable();
         let faces: SmallVec<[FaceKey; 4]> = faces.into_iter().map(|(_, f)| f).collect();
-        let mut edges: SmallVec<[EdgeKey; 6]> =
-            EDGES.iter().map(|&[i, j]| EdgeKey::new(corners[i], corners[j])).filter(|e| self.stroke.released(*e).is_some()).collect();
-        let rank = |e: &EdgeKey| self.stroke.ranks.get(e).copied().unwrap_or_else(|| split_rank(mesh, *e));
-        edges.sort_by(|a, b| split_order((&rank(a), *a), (&rank(b), *b)));
+        let mut edges: SmallVec<[EdgeKey; 6]> = SmallVec::new();
+        for [i, j] in EDGES {
+            let edge = EdgeKey::new(corners[i], corners[j]);
+            if self.stroke.released(edge).is_some() {
+                edges.push(edge);
+            }
+        }
         let same = match self.before.place(base) {
             Some(place) => {
+                // The same edges are in the same order.
                 let known = &self.stroke.touched[place];
-                known.faces == faces && known.edges == edges
+                known.faces == faces && known.edges.len() == edges.len() && edges.iter().all(|e| known.edges.contains(e))
             }
             None => faces.is_empty() && edges.is_empty() && !corners.iter().any(|n| self.stroke.on_sheet.contains_key(n)),
         };
         if !same {
+            let ranked = |e: EdgeKey| (self.stroke.ranks.get(&e).copied().unwrap_or_else(|| split_rank(mesh, e)), e);
+            let mut order: SmallVec<[(SplitRank, EdgeKey); 6]> = edges.into_iter().map(ranked).collect();
+            order.sort_by(|a, b| split_order((&a.0, a.1), (&b.0, b.1)));
+            let edges: SmallVec<[EdgeKey; 6]> = order.into_iter().map(|o| o.1).collect();
             let start = changes.children.len();
             subdivide_into(corners, &faces, &edges, &mut changes.children);
             changes.plans.push(Plan { base, faces, edges, children: start..changes.children.len() });
@@ -291,8 +306,9 @@ impl Cutter {
             for i in 0..self.stroke.touched[place].children.len() {
                 let key = self.stroke.touched[place].children[i].key;
                 self.stroke.touched[place].children[i].label = self.stroke.child_label(&key, corners, labels);
-                vertices.extend(key.iter().filter(|v| self.stroke.is_on_sheet(**v)));
             }
+            let touched = &self.stroke.touched[place];
+            self.add_sheet_vertices(corners, &touched.faces, &touched.edges, &mut vertices);
         }
         self.stroke.stale_labels = stale;
         vertices
@@ -316,17 +332,16 @@ impl Cutter {
         let corners = self.before.corners(mesh.topology(), plan.base);
         let labels = self.stroke.labels(corners);
         let mut old = std::mem::replace(&mut self.stroke.touched[place].children, self.spare.pop().unwrap_or_default());
-        for child in &old {
-            vertices.extend(child.key.iter().filter(|v| self.stroke.is_on_sheet(**v)));
-        }
+        let touched = &self.stroke.touched[place];
+        self.add_sheet_vertices(corners, &touched.faces, &touched.edges, vertices);
+        self.add_sheet_vertices(corners, &plan.faces, &plan.edges, vertices);
         for &key in keys {
-            vertices.extend(key.iter().filter(|v| self.stroke.is_on_sheet(**v)));
             let label = self.stroke.child_label(&key, corners, labels);
             let placed = match old.iter().position(|c| c.key == key) {
                 Some(i) => Placed { label, ..old.swap_remove(i) },
                 None => {
                     self.operations.created += 1;
-                    Placed { key, nodes: self.unnamed(&key), id: None, label }
+                    Placed { key, hashes: key.map(hash_of), nodes: self.unnamed(&key), id: None, label }
                 }
             };
             self.stroke.touched[place].children.push(placed);
@@ -338,6 +353,13 @@ impl Cutter {
         self.spare.push(old);
         self.stroke.touched[place].faces.clone_from(&plan.faces);
         self.stroke.touched[place].edges.clone_from(&plan.edges);
+    }
+
+    /// Adds the vertices on the sheet that the children of a base tetrahedron have when these faces and edges of it have points.
+    fn add_sheet_vertices(&self, corners: [NodeId; 4], faces: &[FaceKey], edges: &[EdgeKey], vertices: &mut Vec<Vertex>) {
+        vertices.extend(corners.into_iter().filter(|n| self.stroke.on_sheet.contains_key(n)).map(Vertex::Corner));
+        vertices.extend(edges.iter().map(|e| Vertex::Edge(*e)));
+        vertices.extend(faces.iter().map(|f| Vertex::Face(*f)));
     }
 
     fn unnamed(&self, key: &Child) -> [NodeId; 4] {
@@ -382,10 +404,9 @@ impl Cutter {
         let mut twice = 0.0;
         for (touched, base) in self.stroke.touched.iter().zip(self.before.touched()) {
             for (child, id) in touched.children.iter().filter_map(|c| c.id.map(|id| (c, id))) {
-                let on_sheet = child.key.map(|v| self.stroke.is_on_sheet(v));
-                for (face, corners) in keyhole_tetmesh::FACES.into_iter().enumerate() {
-                    if corners.iter().all(|&i| on_sheet[i])
-                        && mesh.topology().neighbour(id, face).is_none()
+                for (face, corners) in FACES.into_iter().enumerate() {
+                    if mesh.topology().neighbour(id, face).is_none()
+                        && corners.iter().all(|&i| self.stroke.is_on_sheet(child.key[i]))
                         && !self.was_boundary(mesh, *base, corners.map(|i| child.key[i]))
                     {
                         let [a, b, c] = corners.map(|i| mesh.rest(child.nodes[i]));

@@ -98,14 +98,24 @@ impl Cutter {
     pub(crate) fn face_point(&self, mesh: &TetMesh, face: FaceKey) -> Option<(FaceWeights, FaceState)> {
         let nodes = face.nodes();
         let edges = face.edges();
-        let released: SmallVec<[usize; 3]> = (0..3).filter(|&i| self.stroke.released(edges[i]).is_some()).collect();
+        let states = edges.map(|e| self.stroke.crossings.get(&e).map(|c| c.state));
+        let those_in = |state: CrossingState| {
+            let mut found: SmallVec<[usize; 3]> = SmallVec::new();
+            for (i, known) in states.into_iter().enumerate() {
+                if known == Some(state) {
+                    found.push(i);
+                }
+            }
+            found
+        };
+        let released = those_in(CrossingState::Released);
         if released.is_empty() {
             return None;
         }
-        let waiting: SmallVec<[usize; 3]> = (0..3).filter(|&i| self.stroke.is_waiting(edges[i])).collect();
+        let waiting = those_in(CrossingState::Recorded);
         // A node on the sheet counts where the sheet goes on from it to the opposite edge.
-        let through: SmallVec<[usize; 3]> =
-            (0..3).filter(|&i| self.stroke.on_sheet.contains_key(&nodes[i]) && released.contains(&i)).collect();
+        let mut through = released.clone();
+        through.retain(|i| self.stroke.on_sheet.contains_key(&nodes[*i]));
         let immediate = self.is_immediate(&nodes);
         match (released.as_slice(), through.as_slice()) {
             ([one], []) => {

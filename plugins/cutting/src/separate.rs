@@ -18,6 +18,8 @@ struct Incident {
     place: u32,
     child: u32,
     label: i8,
+    /// Which of its vertices it is.
+    at: u8,
 }
 
 /// Children at a vertex that hang together.
@@ -35,9 +37,59 @@ struct Scratch {
     incident: Vec<Incident>,
     /// By incident child: another of its group, or itself.
     parent: Vec<usize>,
-    /// Faces at the vertex: a hash that orders them fast, their two other vertices, and whose they are.
-    faces: Vec<(u64, [Vertex; 2], u32)>,
+    pairs: FacePairs,
     groups: Vec<Group>,
+}
+
+/// A face of a child at a vertex.
+#[derive(Clone, Copy)]
+struct FaceAt {
+    /// The sum of the hashes of its two other vertices.
+    hash: u32,
+    /// Whose it is among the children at the vertex.
+    incident: u32,
+    /// Which of the child's vertices the two others are.
+    others: [u8; 2],
+}
+
+/// Finds the two children at each face of a vertex: a table with open places.
+#[derive(Default)]
+struct FacePairs {
+    faces: Vec<FaceAt>,
+    /// By hash: a place among the faces, or [`FacePairs::NONE`].
+    table: Vec<u32>,
+}
+
+impl FacePairs {
+    const NONE: u32 = u32::MAX;
+
+    /// Empties it, with room for the faces of so many children.
+    fn reset(&mut self, children: usize) {
+        self.faces.clear();
+        self.table.clear();
+        self.table.resize((6 * children).next_power_of_two(), Self::NONE);
+    }
+
+    /// The same face of another child, if there was one before.
+    fn pair(&mut self, face: FaceAt, same: impl Fn(&FaceAt) -> bool) -> Option<FaceAt> {
+        let mask = self.table.len() - 1;
+        let mut at = face.hash as usize & mask;
+        while let Some(known) = self.faces.get(self.table[at] as usize) {
+            if known.hash == face.hash && same(known) {
+                return Some(*known);
+            }
+            at = (at + 1) & mask;
+        }
+        self.table[at] = self.faces.len() as u32;
+        self.faces.push(face);
+        None
+    }
+}
+
+/// A hash of a vertex, for quick comparison.
+pub(crate) fn hash_of(vertex: Vertex) -> u32 {
+    let hash = FxBuildHasher.hash_one(vertex);
+    (hash ^ (hash >> 32)) as u32
 }
 
 impl Cutter {
@@ -68,7 +120,7 @@ impl Cutter {
             for (i, member) in scratch.incident.iter().enumerate() {
                 let root = root(&mut scratch.parent, i);
                 if let Some(group) = scratch.groups.iter().position(|g| g.root == root) {
-                    self.name(*member, vertex, sides[group].node, concerned);
+                    self.name(*member, sides[group].node, concerned);
                 }
             }
             if !sides.is_empty() {
@@ -90,11 +142,12 @@ impl Cutter {
         let has_all = |t: &TetId| self.before.place(*t).is_some_and(|p| others.iter().all(|n| self.before.place_corners(p).contains(n)));
         let mut bases: SmallVec<[TetId; 32]> = touched.filter(has_all).collect();
         bases.sort_unstable();
+        let hash = hash_of(vertex);
         for base in bases {
             let Some(place) = self.before.place(base) else { continue };
             for (child, placed) in self.stroke.touched[place].children.iter().enumerate() {
-                if placed.key.contains(&vertex) {
-                    incident.push(Incident { base, place: place as u32, child: child as u32, label: placed.label });
+                if let Some(at) = (0..4).find(|&k| placed.hashes[k] == hash && placed.key[k] == vertex) {
+                    incident.push(Incident { base, place: place as u32, child: child as u32, label: placed.label, at: at as u8 });
                 }
             }
         }
@@ -102,26 +155,28 @@ impl Cutter {
 
     /// Groups children that share an unmarked face at the vertex.
     fn find_groups(&self, vertex: Vertex, scratch: &mut Scratch) {
-        let Scratch { incident, parent, faces, groups } = scratch;
+        let Scratch { incident, parent, pairs, groups } = scratch;
         parent.clear();
         parent.extend(0..incident.len());
-        faces.clear();
-        let key = |m: &Incident| self.stroke.touched[m.place as usize].children[m.child as usize].key;
+        pairs.reset(incident.len());
+        let child = |m: &Incident| &self.stroke.touched[m.place as usize].children[m.child as usize];
         for (i, member) in incident.iter().enumerate() {
-            let key = key(member);
-            let mut others = key.into_iter().filter(|v| *v != vertex);
-            if let (Some(a), Some(b), Some(c)) = (others.next(), others.next(), others.next()) {
-                let [ha, hb, hc] = [a, b, c].map(|v| FxBuildHasher.hash_one(v));
-                let face = |a: Vertex, b: Vertex, hash: u64| (hash, if a < b { [a, b] } else { [b, a] }, i as u32);
-                faces.extend([face(a, b, ha.wrapping_add(hb)), face(a, c, ha.wrapping_add(hc)), face(b, c, hb.wrapping_add(hc))]);
-            }
-        }
-        faces.sort_unstable();
-        for pair in faces.windows(2) {
-            let [(face, i), (other, j)] = [pair[0], pair[1]].map(|(_, f, i)| (f, i as usize));
-            if face == other && !self.stroke.is_marked(&[vertex, face[0], face[1]], [incident[i].label, incident[j].label]) {
-                let (a, b) = (root(parent, i), root(parent, j));
-                parent[a.max(b)] = a.min(b);
+            let placed = child(member);
+            let [a, b, c] = [1, 2, 3].map(|k| (member.at + k) % 4);
+            for others in [[a, b], [a, c], [b, c]] {
+                let [a, b] = others.map(|k| placed.key[usize::from(k)]);
+                let [ha, hb] = others.map(|k| placed.hashes[usize::from(k)]);
+                let face = FaceAt { hash: ha.wrapping_add(hb), incident: i as u32, others };
+                let pair = pairs.pair(face, |known| {
+                    let key = &child(&incident[known.incident as usize]).key;
+                    let [c, d] = known.others.map(|k| key[usize::from(k)]);
+                    (a == c && b == d) || (a == d && b == c)
+                });
+                let Some(j) = pair.map(|p| p.incident as usize) else { continue };
+                if !self.stroke.is_marked(&[vertex, a, b], [member.label, incident[j].label]) {
+                    let (a, b) = (root(parent, i), root(parent, j));
+                    parent[a.max(b)] = a.min(b);
+                }
             }
         }
         groups.clear();
@@ -131,11 +186,11 @@ impl Cutter {
                 groups.push(Group { root, tags: SmallVec::new() });
                 groups.len() - 1
             });
-            for v in key(member) {
+            for v in child(member).key {
                 if let Vertex::Corner(n) = v
                     && is_tag(vertex, n)
-                    && !self.stroke.on_sheet.contains_key(&n)
                     && !groups[at].tags.contains(&n)
+                    && !self.stroke.on_sheet.contains_key(&n)
                 {
                     groups[at].tags.push(n);
                 }
@@ -192,12 +247,10 @@ impl Cutter {
             .collect()
     }
 
-    fn name(&mut self, member: Incident, vertex: Vertex, node: NodeId, concerned: &mut Vec<TetId>) {
-        let child = &mut self.stroke.touched[member.place as usize].children[member.child as usize];
-        if let Some(i) = child.key.iter().position(|v| *v == vertex)
-            && child.nodes[i] != node
-        {
-            child.nodes[i] = node;
+    fn name(&mut self, member: Incident, node: NodeId, concerned: &mut Vec<TetId>) {
+        let named = &mut self.stroke.touched[member.place as usize].children[member.child as usize].nodes[usize::from(member.at)];
+        if *named != node {
+            *named = node;
             concerned.push(member.base);
         }
     }

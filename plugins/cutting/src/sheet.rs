@@ -31,10 +31,21 @@ impl Aabb {
         points.iter().fold(Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY }, |b, p| Self { min: b.min.min(*p), max: b.max.max(*p) })
     }
 
+    /// Whether a point is in the box, its border included.
+    #[must_use]
+    pub fn holds(&self, p: DVec3) -> bool {
+        self.overlaps(&Self { min: p, max: p })
+    }
+
     /// Whether two boxes overlap or touch.
     #[must_use]
     pub fn overlaps(&self, other: &Self) -> bool {
-        self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
+        self.min.x <= other.max.x
+            && self.min.y <= other.max.y
+            && self.min.z <= other.max.z
+            && other.min.x <= self.max.x
+            && other.min.y <= self.max.y
+            && other.min.z <= self.max.z
     }
 }
 
@@ -56,6 +67,9 @@ pub struct Strip {
     half: usize,
     triangles: Vec<[usize; 3]>,
     boxes: Vec<Aabb>,
+    /// By triangle: the box of its [`Strip::rail`].
+    rails: Vec<Aabb>,
+    bounds: Aabb,
 }
 
 impl Strip {
@@ -74,7 +88,9 @@ impl Strip {
             triangles.push([j + 1, half + j + 1, half + j]);
         }
         let boxes = triangles.iter().map(|t| Aabb::of(&t.map(|i| points[i]))).collect();
-        Self { points, half, triangles, boxes }
+        let rails = (0..triangles.len()).map(|i| Aabb::of(&Self::rail_of(i, triangles[i]).map(|j| points[j]))).collect();
+        let bounds = Aabb::of(&points);
+        Self { points, half, triangles, boxes, rails, bounds }
     }
 
     /// The present line.
@@ -98,6 +114,9 @@ impl Strip {
     /// The triangles whose box overlaps `region`.
     pub fn near(&self, region: &Aabb, found: &mut Vec<usize>) {
         found.clear();
+        if !self.bounds.overlaps(region) {
+            return;
+        }
         found.extend((0..self.triangles.len()).filter(|&i| self.boxes[i].overlaps(region)));
     }
 
@@ -147,11 +166,24 @@ impl Strip {
         triangles.iter().map(|&i| distance_to_triangle(p, self.corners(i))).fold(f64::INFINITY, f64::min)
     }
 
-    /// The segment that a triangle has on one of the two lines, and whether it is the present one.
+    /// Where the segment that a triangle has on one of the two lines goes through a face with the given box.
     #[must_use]
-    pub fn rail(&self, triangle: usize) -> ([DVec3; 2], bool) {
-        let [i, j, k] = self.triangles[triangle];
-        if triangle.is_multiple_of(2) { ([self.points[i], self.points[j]], false) } else { ([self.points[k], self.points[j]], true) }
+    pub fn rail_through(&self, triangle: usize, face: [DVec3; 3], bounds: &Aabb) -> Option<[f64; 3]> {
+        if !self.rails[triangle].overlaps(bounds) {
+            return None;
+        }
+        let [p, q] = Self::rail_of(triangle, self.triangles[triangle]).map(|i| self.points[i]);
+        pierce(face, p, q)
+    }
+
+    /// Whether the segment that a triangle has on one of the two lines is on the present one.
+    #[must_use]
+    pub fn is_rail_now(triangle: usize) -> bool {
+        !triangle.is_multiple_of(2)
+    }
+
+    fn rail_of(triangle: usize, [i, j, k]: [usize; 3]) -> [usize; 2] {
+        if Self::is_rail_now(triangle) { [k, j] } else { [i, j] }
     }
 
     /// The paths of tip and heel in this step.
@@ -164,7 +196,8 @@ impl Strip {
     /// Area of the strip inside a tetrahedron, m2, over the given triangles.
     #[must_use]
     pub fn area_inside(&self, tet: [DVec3; 4], triangles: &[usize]) -> f64 {
-        triangles.iter().map(|&i| clipped_area(self.corners(i), tet)).sum()
+        let planes = keyhole_tetmesh::FACES.map(|[i, j, k]| Plane { point: tet[i], normal: (tet[j] - tet[i]).cross(tet[k] - tet[i]) });
+        triangles.iter().map(|&i| clipped_area(self.corners(i), &planes)).sum()
     }
 }
 
@@ -219,35 +252,47 @@ fn distance_to_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
     sides.iter().map(to_side).fold(f64::INFINITY, f64::min)
 }
 
-/// Area of a triangle inside a positive tetrahedron, by clipping (Sutherland & Hodgman 1974).
-fn clipped_area(triangle: [DVec3; 3], tet: [DVec3; 4]) -> f64 {
-    // Most triangles are wholly beyond one face or inside all four.
-    let mut crosses = false;
-    for [i, j, k] in keyhole_tetmesh::FACES {
-        let n = (tet[j] - tet[i]).cross(tet[k] - tet[i]);
-        let out = triangle.iter().filter(|p| n.dot(**p - tet[i]) > 0.0).count();
-        if out == 3 {
-            return 0.0;
-        }
-        crosses |= out > 0;
+/// The plane of a face, its normal out of the tetrahedron.
+struct Plane {
+    point: DVec3,
+    normal: DVec3,
+}
+
+impl Plane {
+    /// Positive beyond the plane.
+    fn height(&self, p: DVec3) -> f64 {
+        self.normal.dot(p - self.point)
     }
-    if !crosses {
+}
+
+/// Area of a triangle inside a positive tetrahedron, by clipping (Sutherland & Hodgman 1974).
+fn clipped_area(triangle: [DVec3; 3], planes: &[Plane; 4]) -> f64 {
+    // Most triangles are wholly beyond one face or inside all four.
+    let mut crossed: SmallVec<[&Plane; 4]> = SmallVec::new();
+    for plane in planes {
+        match triangle.iter().filter(|p| plane.height(**p) > 0.0).count() {
+            0 => {}
+            3 => return 0.0,
+            _ => crossed.push(plane),
+        }
+    }
+    if crossed.is_empty() {
         return (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).length() / 2.0;
     }
     let mut polygon: SmallVec<[DVec3; 8]> = triangle.into_iter().collect();
-    for [i, j, k] in keyhole_tetmesh::FACES {
-        let n = (tet[j] - tet[i]).cross(tet[k] - tet[i]);
-        let height = |p: DVec3| n.dot(p - tet[i]);
+    for plane in crossed {
         let mut kept: SmallVec<[DVec3; 8]> = SmallVec::new();
-        for (m, &p) in polygon.iter().enumerate() {
-            let q = polygon[(m + 1) % polygon.len()];
-            let (hp, hq) = (height(p), height(q));
-            if hp <= 0.0 {
-                kept.push(p);
-            }
+        let Some(&last) = polygon.last() else { return 0.0 };
+        let (mut p, mut hp) = (last, plane.height(last));
+        for &q in &polygon {
+            let hq = plane.height(q);
             if (hp < 0.0 && hq > 0.0) || (hp > 0.0 && hq < 0.0) {
                 kept.push(p + (q - p) * (hp / (hp - hq)));
             }
+            if hq <= 0.0 {
+                kept.push(q);
+            }
+            (p, hp) = (q, hq);
         }
         polygon = kept;
         if polygon.len() < 3 {

@@ -94,10 +94,8 @@ impl Cutter {
         }
         let touches = self.courses[course].is_in() || !meeting.near.is_empty();
         // Faces that a line or its ends pierce or pierced, and tetrahedra that the line has entered or left.
-        let mut faces: Vec<FaceKey> =
+        let faces: Vec<FaceKey> =
             [&self.courses[course].front, &meeting.front, &meeting.border].into_iter().flat_map(|f| f.keys().copied()).collect();
-        faces.sort_unstable();
-        faces.dedup();
         let (was, is) = (&self.courses[course].occupied.tets, &meeting.occupied.tets);
         let mut candidates: Vec<TetId> = was.symmetric_difference(is).copied().collect();
         self.stick(mesh, &meeting, &mut candidates);
@@ -167,9 +165,9 @@ impl Cutter {
         self.refine(mesh, candidates, &faces);
         self.committed_area_m2 += self.stroke_area(mesh);
 
+        let boxes = (0..self.before.touched().len()).map(|place| self.before.place_corners(place).map(|n| mesh.rest(n)));
+        self.grid.remove_all(boxes, |t| self.before.place(t).is_none());
         for &base in self.before.touched() {
-            let corners = self.before.corners(mesh.topology(), base);
-            self.grid.remove(base, corners.map(|n| mesh.rest(n)));
             mesh.release_tet(base);
         }
         self.removed_m3 += self.draw_back(mesh);

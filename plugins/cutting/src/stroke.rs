@@ -40,6 +40,8 @@ pub(crate) type FaceWeights = [f64; 3];
 #[derive(Clone, Debug)]
 pub(crate) struct Placed {
     pub key: Child,
+    /// A hash of each vertex of the key: where they differ, so do the vertices.
+    pub hashes: [u32; 4],
     pub nodes: [NodeId; 4],
     /// Its slot; `None` until it has been added.
     pub id: Option<TetId>,
@@ -133,11 +135,6 @@ impl Stroke {
     /// The crossing of an edge that is split.
     pub fn released(&self, edge: EdgeKey) -> Option<&Crossing> {
         self.crossings.get(&edge).filter(|c| c.state == CrossingState::Released)
-    }
-
-    /// Whether the crossing of an edge is known but not effective.
-    pub fn is_waiting(&self, edge: EdgeKey) -> bool {
-        self.crossings.get(&edge).is_some_and(|c| c.state == CrossingState::Recorded)
     }
 
     /// Side labels of the corners of a base tetrahedron: +1, -1, or 0 for those on the sheet and those not known.

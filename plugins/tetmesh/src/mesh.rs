@@ -2,7 +2,7 @@
 
 use crate::delta::{AddedTet, NodeEdit, NodeWeights, TopologyDelta};
 use crate::ids::{MaterialId, NodeId, TetId};
-use crate::topology::Topology;
+use crate::topology::{Topology, with_room};
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
@@ -43,7 +43,7 @@ impl TetMesh {
     /// Nothing is checked: input from outside goes through [`crate::check::checked`] first.
     #[must_use]
     pub fn new(nodes: Vec<DVec3>, tets: &[[u32; 4]], materials: &[MaterialId]) -> Self {
-        let mut mesh = Self { alive: vec![true; nodes.len()], node_count: nodes.len(), rest: nodes, ..Self::default() };
+        let mut mesh = Self::of_nodes(nodes, tets.len());
         for (i, t) in tets.iter().enumerate() {
             mesh.topology.insert(TetId(i as u32), t.map(NodeId));
             let material = materials.get(i).copied().unwrap_or_default();
@@ -56,12 +56,23 @@ impl TetMesh {
     /// A mesh of the given nodes (metres) and tetrahedra with attributes that are kept as they are: a piece of another mesh.
     #[must_use]
     pub fn from_parts(nodes: Vec<DVec3>, tets: &[([u32; 4], Tet)]) -> Self {
-        let mut mesh = Self { alive: vec![true; nodes.len()], node_count: nodes.len(), rest: nodes, ..Self::default() };
+        let mut mesh = Self::of_nodes(nodes, tets.len());
         for (i, (nodes, tet)) in tets.iter().enumerate() {
             mesh.topology.insert(TetId(i as u32), nodes.map(NodeId));
             mesh.tets.push(*tet);
         }
         mesh
+    }
+
+    /// A mesh without tetrahedra, with room for so many and for what cuts add.
+    fn of_nodes(mut rest: Vec<DVec3>, tets: usize) -> Self {
+        let nodes = rest.len();
+        rest.reserve_exact(with_room(nodes) - nodes);
+        let mut alive = Vec::with_capacity(with_room(nodes));
+        alive.resize(nodes, true);
+        let mut topology = Topology::default();
+        topology.reserve(tets, nodes);
+        Self { alive, node_count: nodes, rest, topology, tets: Vec::with_capacity(with_room(tets)), ..Self::default() }
     }
 
     /// Adjacency.

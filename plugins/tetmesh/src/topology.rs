@@ -14,6 +14,11 @@ pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 const NONE: u32 = u32::MAX;
 
+/// A number of slots and an eighth more.
+pub(crate) fn with_room(slots: usize) -> usize {
+    slots + slots / 8
+}
+
 /// Tetrahedra with face adjacency and the list of tetrahedra around each node.
 #[derive(Clone, Debug, Default)]
 pub struct Topology {
@@ -24,6 +29,13 @@ pub struct Topology {
 }
 
 impl Topology {
+    /// Makes room for as many tetrahedra and nodes as a mesh has and an eighth more, so that the first edit of a large mesh does not copy it.
+    pub(crate) fn reserve(&mut self, tets: usize, nodes: usize) {
+        self.corners.reserve_exact(with_room(tets));
+        self.neighbours.reserve_exact(with_room(tets));
+        self.around.reserve_exact(with_room(nodes));
+    }
+
     /// Number of tetrahedra.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -127,12 +139,11 @@ impl Topology {
         }
         self.corners[tet.index()] = corners;
         self.neighbours[tet.index()] = [NONE; 4];
-        for face in 0..4 {
-            if let Some((other, other_face)) = self.open_face(self.face_key(tet, face)) {
-                self.neighbours[tet.index()][face] = other.0;
-                self.neighbours[other.index()][other_face] = tet.0;
-            }
-        }
+        // Three faces have the node with the fewest tetrahedra; the next one has the fourth.
+        let mut order = [0, 1, 2, 3];
+        order.sort_by_key(|&i| self.around[corners[i].index()].len());
+        self.join_around(tet, order[0]);
+        self.join_around(tet, order[1]);
         for node in corners {
             self.around[node.index()].push(tet);
         }
@@ -155,19 +166,33 @@ impl Topology {
             }
         }
         for node in self.corners[tet.index()] {
-            self.around[node.index()].retain(|t| *t != tet);
+            let around = &mut self.around[node.index()];
+            if let Some(at) = around.iter().position(|t| *t == tet) {
+                around.remove(at);
+            }
         }
         self.corners[tet.index()] = [NodeId(NONE); 4];
         self.neighbours[tet.index()] = [NONE; 4];
         self.count -= 1;
     }
 
-    /// A tetrahedron that has this face and no neighbour there.
-    fn open_face(&self, face: FaceKey) -> Option<(TetId, usize)> {
-        self.around_face(face).find_map(|t| {
-            let c = self.corners[t.index()];
-            let i = (0..4).find(|&i| !face.nodes().contains(&c[i]))?;
-            (self.neighbours[t.index()][i] == NONE).then_some((t, i))
-        })
+    /// Joins a tetrahedron to those around its corner `corner` that share a face with it, where neither has a neighbour.
+    fn join_around(&mut self, tet: TetId, corner: usize) {
+        let own = self.corners[tet.index()];
+        for at in 0..self.around[own[corner].index()].len() {
+            let other = self.around[own[corner].index()][at];
+            let theirs = self.corners[other.index()];
+            let shared = own.map(|n| theirs.contains(&n));
+            if shared.iter().filter(|s| **s).count() != 3 {
+                continue;
+            }
+            let (Some(face), Some(other_face)) = (shared.iter().position(|s| !s), theirs.iter().position(|n| !own.contains(n))) else {
+                continue;
+            };
+            if self.neighbours[tet.index()][face] == NONE && self.neighbours[other.index()][other_face] == NONE {
+                self.neighbours[tet.index()][face] = other.0;
+                self.neighbours[other.index()][other_face] = tet.0;
+            }
+        }
     }
 }
