@@ -3,7 +3,7 @@
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use keyhole_cutting::Cutter;
+use keyhole_cutting::{BladeId, Cutter};
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_view::fairing::{Fairing, FairingSettings};
 use keyhole_view::outer::OuterPlanes;
@@ -24,7 +24,7 @@ fn cut_unsteadily(mesh: &mut TetMesh) {
         let end = |y: f64, phase: f64| low + size * DVec3::new(1.2 * s - 0.1, y, 0.5) + DVec3::Z * shake(s, phase);
         let (tip, heel) = (end(-0.1, 0.4), end(1.1, 1.7));
         let line: Vec<DVec3> = (0..=points).map(|i| tip.lerp(heel, i as f64 / points as f64)).collect();
-        cutter.advance(mesh, &line);
+        cutter.advance(mesh, BladeId(0), &line);
     }
     cutter.end_stroke(mesh);
 }

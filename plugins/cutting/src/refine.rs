@@ -241,8 +241,10 @@ impl Cutter {
                 continue;
             }
             let Some(sides) = self.stroke.sides.get(&vertex) else { continue };
-            let nodes: SmallVec<[NodeId; 4]> = sides.iter().map(|s| s.node).collect();
+            let mut nodes: SmallVec<[NodeId; 4]> = sides.iter().map(|s| s.node).collect();
             let from = self.tissue_at(mesh, face, now, changes);
+            // Whoever follows the edits one by one must find the node that the place is told by where it was.
+            nodes.sort_by_key(|n| from.iter().any(|(f, _)| f == n));
             let rest = on_face(mesh, face, now);
             for node in nodes {
                 mesh.move_node(node, rest, from.clone());
