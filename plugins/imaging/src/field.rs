@@ -1,6 +1,6 @@
 //! The smooth field of a mask: signed distance, blurred by about a voxel, its level set so that the volume stays.
 
-use crate::distance::{along_axis, signed_distance};
+use crate::distance::{along_axis, signed_distance, squared_distance};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -53,7 +53,31 @@ impl ScalarGrid {
         let far = (spacing * DVec3::from_array(dims.map(|d| d as f64))).length() as f32;
         grid.values.par_iter_mut().for_each(|v| *v = v.clamp(-far, far));
         grid.blur(blur);
-        grid.keep_volume(count);
+        let level = level_of(&mut grid.values.clone(), count);
+        grid.shift(level);
+        grid
+    }
+
+    /// The border between a part of a body and the rest of it, in mm, negative in the part: the distance to the part less that to the
+    /// rest. Beyond the body it runs on where both are equally near, so the border meets the body's surface and does not follow it.
+    /// Blurred and shifted as [`ScalarGrid::of_mask`], counting voxels of the body.
+    #[must_use]
+    pub fn of_part(
+        dims: [usize; 3],
+        spacing: DVec3,
+        blur: f64,
+        in_body: impl Fn(usize) -> bool + Sync,
+        in_part: impl Fn(usize) -> bool + Sync,
+    ) -> Self {
+        let far = (spacing * DVec3::from_array(dims.map(|d| d as f64))).length() as f32;
+        let mut values = squared_distance(dims, spacing, &in_part);
+        let rest = squared_distance(dims, spacing, |i| in_body(i) && !in_part(i));
+        values.par_iter_mut().zip(rest).for_each(|(p, r)| *p = (p.sqrt() - r.sqrt()).clamp(-far, far));
+        let mut grid = Self { dims, spacing, values };
+        grid.blur(blur);
+        let mut inside: Vec<f32> = grid.values.iter().enumerate().filter(|(i, _)| in_body(*i)).map(|(_, v)| *v).collect();
+        let count = (0..grid.values.len()).filter(|i| in_part(*i)).count();
+        grid.shift(level_of(&mut inside, count));
         grid
     }
 
@@ -82,17 +106,18 @@ impl ScalarGrid {
         }
     }
 
-    /// Shifts the values so that `count` samples are negative.
-    fn keep_volume(&mut self, count: usize) {
-        if count == 0 || count >= self.values.len() {
-            return;
-        }
-        let mut sorted = self.values.clone();
-        let (below, next, _) = sorted.select_nth_unstable_by(count, f32::total_cmp);
-        let last = below.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let level = (last + *next) / 2.0;
+    fn shift(&mut self, level: f32) {
         self.values.par_iter_mut().for_each(|v| *v -= level);
     }
+}
+
+/// The level below which `count` of the values lie; 0 when that is none or all of them. The values end up in another order.
+fn level_of(values: &mut [f32], count: usize) -> f32 {
+    if count == 0 || count >= values.len() {
+        return 0.0;
+    }
+    let (below, next, _) = values.select_nth_unstable_by(count, f32::total_cmp);
+    (below.iter().copied().fold(f32::NEG_INFINITY, f32::max) + *next) / 2.0
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 //!
 //! An offline room: no engine, no schedule.
 
+pub mod cleave;
 pub mod components;
 pub mod decimate;
 pub mod dicom_file;

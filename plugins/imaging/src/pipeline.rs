@@ -1,12 +1,13 @@
 //! From labels to tetrahedra in world metres.
 
+use crate::cleave::{Parted, cleave};
 use crate::components::{self, Border, ComponentChoice, ComponentReport};
 use crate::error::ImagingError;
 use crate::field::{BLUR_VOXELS, ScalarGrid};
 use crate::frame;
-use crate::report::{MeshReport, PartReport, Seconds};
+use crate::report::{BorderReport, MeshReport, PartReport, Seconds};
 use crate::stuffing::{Keep, Stuffed, Stuffer, Unstuffed};
-use crate::surface_distance;
+use crate::surface_distance::{self, Distances};
 use crate::topology;
 use crate::volume::{Body, LabelVolume};
 use glam::DVec3;
@@ -17,6 +18,9 @@ use std::time::Instant;
 const VOLUME_TOLERANCE: f64 = 1e-3;
 /// Steps of that search. Each is one stuffing; the secant needs two or three.
 const VOLUME_STEPS: usize = 6;
+/// The same for a part, whose border is a part of the mesh's cell coarser in proportion, and the steps there.
+const PART_TOLERANCE: f64 = 5e-3;
+const PART_STEPS: usize = 3;
 /// Cells beyond which a lattice is refused: some 2 GB.
 const MAX_CELLS: f64 = 2e7;
 /// Part of the body that the lattice may tear off before the mesh is refused.
@@ -94,7 +98,7 @@ pub fn prepare(mut labels: LabelVolume, component: ComponentChoice, border: Bord
 
 /// Meshes the union of all labels as one body; material 0 is the first label, 1 the second.
 ///
-/// The tetrahedra of an inner label are those whose centroid lies in its field. `progress` hears of each stage as it begins.
+/// The border of an inner label is made of faces of the mesh. `progress` hears of each stage as it begins.
 ///
 /// # Errors
 /// Empty labels, a body at the border, a cell too large or too small for the body.
@@ -123,8 +127,10 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
 
     progress(Stage::Field);
     let whole = ScalarGrid::of_mask(body.dims, body.spacing, BLUR_VOXELS, |i| body.parts[i] != 0);
-    let inner: Vec<ScalarGrid> =
-        (2..=names.len() as u8).map(|part| ScalarGrid::of_mask(body.dims, body.spacing, BLUR_VOXELS, |i| body.parts[i] == part)).collect();
+    // The border of a part is that of all parts from it on: between two of them there is one border, not two.
+    let inner: Vec<ScalarGrid> = (2..=names.len() as u8)
+        .map(|part| ScalarGrid::of_part(body.dims, body.spacing, BLUR_VOXELS, |i| body.parts[i] != 0, |i| body.parts[i] >= part))
+        .collect();
     seconds.field = lap();
 
     progress(Stage::Stuffing);
@@ -139,32 +145,31 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
         let place_mm = body.grid_to_lps.transform_point3((min + max) / 2.0).to_array();
         return Err(ImagingError::Unresolved { edge_mm: a, place_mm, reason: "more than a twentieth of the body would be torn off" });
     }
-    let materials: Vec<MaterialId> = stuffed
-        .tets
-        .iter()
-        .map(|t| {
-            let centroid = t.iter().map(|n| stuffed.nodes[*n as usize]).sum::<DVec3>() / 4.0;
-            MaterialId(inner.iter().rposition(|g| g.sample(centroid) < 0.0).map_or(0, |i| i as u16 + 1))
-        })
-        .collect();
+    let mut parted =
+        Parted { materials: vec![0; stuffed.tets.len()], nodes: stuffed.nodes, tets: stuffed.tets, lattice: stuffed.lattice, pinned: 0 };
+    for (i, grid) in inner.iter().enumerate() {
+        let target = body.parts.iter().filter(|p| usize::from(**p) >= i + 2).count() as f64 * body.voxel_mm3();
+        parted = cleave_to_volume(&parted, grid, i as u16 + 1, target);
+    }
+    let materials: Vec<MaterialId> = parted.materials.iter().map(|m| MaterialId(*m)).collect();
     seconds.stuffing = lap();
 
     progress(Stage::Figures);
-    let triangles = topology::boundary(&stuffed.tets);
-    let surface_distance = surface_distance::between(&body, &stuffed.nodes, &triangles);
-    let mut nodes: Vec<DVec3> = stuffed.nodes.iter().map(|p| frame::world_from_patient(body.grid_to_lps.transform_point3(*p))).collect();
+    let triangles = topology::boundary(&parted.tets);
+    let surface_distance = surface_distance::between(&body, &parted.nodes, &triangles);
+    let mut nodes: Vec<DVec3> = parted.nodes.iter().map(|p| frame::world_from_patient(body.grid_to_lps.transform_point3(*p))).collect();
     let bounds = |nodes: &[DVec3]| {
         (nodes.iter().copied().fold(DVec3::INFINITY, DVec3::min), nodes.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max))
     };
     let (low, high) = bounds(&nodes);
     let centre = if options.centring == Centring::Origin { (low + high) / 2.0 } else { DVec3::ZERO };
     nodes.iter_mut().for_each(|p| *p -= centre);
-    let mesh = TetMesh::new(nodes, &stuffed.tets, &materials);
+    let mesh = TetMesh::new(nodes, &parted.tets, &materials);
     let boundary = Boundary::of(&mesh);
     let q = quality::quality(&mesh);
     let mesh_mm3 = mesh.total_volume() * 1e9;
     let parts = names.iter().enumerate().map(|(i, name)| part(&mesh, &body, i, name)).collect();
-    let (_, components) = topology::bodies(&stuffed.tets);
+    let (_, components) = topology::bodies(&parted.tets);
     let euler_characteristic = boundary.euler_characteristic();
     let closed_manifold = boundary.is_closed_manifold();
     seconds.figures = lap();
@@ -192,12 +197,75 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
         euler_characteristic,
         closed_manifold,
         unpinched: stuffed.unpinched,
+        borders: borders(&inner, &parted),
         min_m: (low - centre).to_array(),
         max_m: (high - centre).to_array(),
         centre_m: centre.to_array(),
         seconds,
     };
     Ok((mesh, report))
+}
+
+/// Cuts a part out at the level at which it has the volume `target`, mm3, as [`stuff_to_volume`] does.
+fn cleave_to_volume(mesh: &Parted, grid: &ScalarGrid, part: u16, target: f64) -> Parted {
+    let at = |level: f64| {
+        let mut cut = mesh.clone();
+        cleave(&mut cut, &|p| level - grid.sample(p), part);
+        let of_part = cut.tets.iter().zip(&cut.materials).filter(|(_, m)| **m >= part);
+        let volume: f64 = of_part.map(|(t, _)| quality::volume(t.map(|n| cut.nodes[n as usize]))).sum();
+        (cut, volume - target)
+    };
+    let (mut best, mut error) = at(0.0);
+    if target == 0.0 {
+        return best;
+    }
+    // A ball's surface stands for the border's.
+    let area = (36.0 * std::f64::consts::PI * target * target).cbrt();
+    let mut level = 0.0;
+    for _ in 0..PART_STEPS {
+        if error.abs() < PART_TOLERANCE * target {
+            break;
+        }
+        level -= error / area;
+        let (next, next_error) = at(level);
+        if next_error.abs() >= error.abs() {
+            break;
+        }
+        (best, error) = (next, next_error);
+    }
+    best
+}
+
+/// How far the faces between materials are from the fields' borders, part by part.
+fn borders(inner: &[ScalarGrid], mesh: &Parted) -> Vec<BorderReport> {
+    let mut faces: Vec<([u32; 3], u16)> = Vec::new();
+    for (t, m) in mesh.tets.iter().zip(&mesh.materials) {
+        for f in keyhole_tetmesh::FACES {
+            let mut face = f.map(|c| t[c]);
+            face.sort_unstable();
+            faces.push((face, *m));
+        }
+    }
+    faces.sort_unstable();
+    let shared: Vec<_> = faces.windows(2).filter(|w| w[0].0 == w[1].0 && w[0].1 != w[1].1).map(|w| (w[0].0, [w[0].1, w[1].1])).collect();
+    inner
+        .iter()
+        .enumerate()
+        .map(|(i, grid)| {
+            let part = i as u16 + 1;
+            let of_border = shared.iter().filter(|(_, m)| (m[0] >= part) != (m[1] >= part));
+            let mut off: Vec<f64> = of_border
+                .flat_map(|(f, _)| {
+                    let p = f.map(|n| mesh.nodes[n as usize]);
+                    [p[0], p[1], p[2], (p[0] + p[1] + p[2]) / 3.0]
+                })
+                // The field is a difference of two distances: beyond the body it grows twice as fast as one.
+                .map(|p| grid.sample(p).abs())
+                .collect();
+            off.sort_unstable_by(f64::total_cmp);
+            BorderReport { material: part, faces: off.len() / 4, off: Distances::of(&off) }
+        })
+        .collect()
 }
 
 /// The field of a grid, growing with the distance from the grid beyond it.

@@ -1,7 +1,7 @@
 //! What is told about a mesh that was made: the figures that say whether it can be trusted.
 
 use crate::components::ComponentReport;
-use crate::surface_distance::SurfaceDistance;
+use crate::surface_distance::{Distances, SurfaceDistance};
 use std::fmt;
 
 /// Seconds spent in each stage.
@@ -30,6 +30,17 @@ pub struct PartReport {
     pub mask_ml: f64,
     /// Volume of its tetrahedra, ml.
     pub mesh_ml: f64,
+}
+
+/// The faces of the mesh between a part and what is around it.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct BorderReport {
+    /// Material of the part.
+    pub material: u16,
+    /// Triangles of the border.
+    pub faces: usize,
+    /// Distance of their corners and middles from the border of the smoothed labels, mm.
+    pub off: Distances,
 }
 
 /// Quality figures of a volume mesh.
@@ -69,6 +80,8 @@ pub struct MeshReport {
     pub surface_distance: SurfaceDistance,
     /// The parts.
     pub parts: Vec<PartReport>,
+    /// The borders between parts.
+    pub borders: Vec<BorderReport>,
     /// Separate bodies of the mesh.
     pub components: usize,
     /// Volume of bodies that only the lattice tore off and that were dropped, ml.
@@ -111,6 +124,14 @@ impl fmt::Display for MeshReport {
         writeln!(f, "mesh: {} tets, {} nodes, cell {} mm", self.tets, self.nodes, self.edge_mm)?;
         for p in &self.parts {
             writeln!(f, "  material {} {}: {} tets, {:.2} ml (mask {:.2} ml)", p.material, p.name, p.tets, p.mesh_ml, p.mask_ml)?;
+        }
+        for b in self.borders.iter().filter(|b| b.faces > 0) {
+            let (m, d) = (b.material, b.off);
+            writeln!(
+                f,
+                "  border of material {m}: {} faces, off by mean {:.3}, 95 % {:.3}, max {:.3} mm",
+                b.faces, d.mean_mm, d.p95_mm, d.max_mm
+            )?;
         }
         writeln!(
             f,

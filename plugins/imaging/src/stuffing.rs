@@ -45,6 +45,8 @@ pub struct Stuffed {
     pub nodes: Vec<DVec3>,
     /// Positive tetrahedra.
     pub tets: Vec<[u32; 4]>,
+    /// Twice the coordinates in the lattice, in cells, of nodes that are points of it.
+    pub lattice: Vec<Option<[i32; 3]>>,
     /// Volume of separate bodies that were dropped.
     pub dropped_volume: f64,
     /// Volume of enclosed voids that were filled.
@@ -97,6 +99,7 @@ impl<'f> Stuffer<'f> {
             if pinched.is_empty() {
                 mesh.unpinched = unpinched;
                 mesh.filled_volume = filled_volume;
+                mesh.lattice = points.iter().map(|p| p.map(|p| self.lattice.doubled(p))).collect();
                 return if mesh.tets.is_empty() { Err(Unstuffed::Nothing) } else { Ok(mesh) };
             }
             let before = settled.len();
@@ -224,7 +227,7 @@ impl Cut {
                 continue;
             }
             let diagonal = |p: usize, q: usize, n: usize| diagonal_from_first(lattice, tet, p, q, n);
-            stencil::keep(signs, diagonal, |kept| {
+            stencil::keep(signs, diagonal, None, |kept| {
                 let mut nodes = kept.map(|v| {
                     let (slot, point) = match v {
                         Vertex::Corner(c) => (&mut node_of_point[tet[c] as usize], Some(tet[c])),
@@ -271,7 +274,7 @@ fn diagonal_from_first(lattice: &Lattice, tet: [Point; 4], p: usize, q: usize, n
 }
 
 /// Zero of a function of the way from 0 (positive) to 1 (negative): Illinois' false position.
-fn root(f: impl Fn(f64) -> f64, at_zero: f64, at_one: f64) -> f64 {
+pub(crate) fn root(f: impl Fn(f64) -> f64, at_zero: f64, at_one: f64) -> f64 {
     let (mut t0, mut f0, mut t1, mut f1) = (0.0, at_zero, 1.0, at_one);
     let mut side = 0;
     for _ in 0..CUT_STEPS {
