@@ -19,6 +19,7 @@ pub mod glb;
 pub mod input;
 mod lattice;
 pub mod nifti_file;
+mod passage;
 pub mod phantom;
 pub mod pipeline;
 mod publish;

@@ -196,6 +196,7 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
         voids_filled_ml: stuffed.filled_volume * 1e-3,
         euler_characteristic,
         closed_manifold,
+        cavities_opened: stuffed.opened,
         unpinched: stuffed.unpinched,
         borders: borders(&inner, &parted),
         min_m: (low - centre).to_array(),

@@ -86,8 +86,9 @@ pub struct MeshReport {
     pub components: usize,
     /// Volume of bodies that only the lattice tore off and that were dropped, ml.
     pub dropped_ml: f64,
-    /// Volume of cavities that were open in the mask only through channels thinner than a voxel or a cell, and were filled, ml. Their
-    /// walls count in the surface distance.
+    /// Cavities open in the mask only through channels that the lattice closed, and that were opened again.
+    pub cavities_opened: usize,
+    /// Volume of such cavities that were too small or too far inside, and were filled, ml. Their walls count in the surface distance.
     pub voids_filled_ml: f64,
     /// Euler characteristic of the boundary: 2 a closed surface without handles.
     pub euler_characteristic: i64,
@@ -146,6 +147,9 @@ impl fmt::Display for MeshReport {
         writeln!(f, "boundary: {manifold}, {} component(s), Euler characteristic {}", self.components, self.euler_characteristic)?;
         if self.dropped_ml > 0.0 {
             writeln!(f, "dropped: {:.3} ml that the lattice tore off", self.dropped_ml)?;
+        }
+        if self.cavities_opened > 0 {
+            writeln!(f, "opened: {} cavities whose channels the lattice had closed", self.cavities_opened)?;
         }
         if self.voids_filled_ml > 0.0 {
             writeln!(f, "filled: {:.3} ml of cavities whose channels the lattice does not resolve", self.voids_filled_ml)?;

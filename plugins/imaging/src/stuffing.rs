@@ -4,15 +4,17 @@
 //! close to a cut point move onto it, the other edges are cut, and a stencil keeps what is inside. With the thresholds below and
 //! the parity rule every dihedral angle lies in [10.7, 164.8] degrees whatever the field is (their theorem for the uniform lattice).
 //!
-//! Added to the paper: a point on the surface where two sheets meet is not moved, so that the boundary is a closed 2-manifold; enclosed
-//! voids are filled; bodies that only the lattice tore off are dropped and counted.
+//! Added to the paper: a point on the surface where two sheets meet is not moved, so that the boundary is a closed 2-manifold; cavities that
+//! the lattice closed are opened again where the wall is thinnest, and filled where it is thick; bodies that only the lattice tore off are
+//! dropped and counted.
 
 use crate::lattice::{Lattice, Point};
+use crate::passage;
 use crate::stencil::{self, Vertex};
 use crate::topology;
 use glam::DVec3;
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 use std::collections::BTreeMap;
 
 /// A long edge's end moves when the cut point is closer than this part of the edge (Labelle and Shewchuk 2007, table 1).
@@ -21,6 +23,8 @@ pub const ALPHA_LONG: f64 = 0.249_99;
 pub const ALPHA_SHORT: f64 = 0.411_89;
 /// The proved interval of dihedral angles, degrees, to the digits published.
 pub const PROVED_DEGREES: [f64; 2] = [10.7, 164.8];
+/// Part of an edge that a passage takes at its own end.
+const PASSAGE: f64 = 0.42;
 /// Rounds of putting pinched points back. Each round fixes at least one point; scans need one or two.
 const ROUNDS: usize = 64;
 /// Steps of the search for a cut point: the Illinois method gains more than a digit a step.
@@ -51,8 +55,25 @@ pub struct Stuffed {
     pub dropped_volume: f64,
     /// Volume of enclosed voids that were filled.
     pub filled_volume: f64,
+    /// Cavities that the lattice had closed and that were opened again.
+    pub opened: usize,
     /// Lattice points that were not moved to the surface because two sheets would have met there.
     pub unpinched: usize,
+}
+
+/// What becomes of cavities that the lattice closed.
+#[derive(Clone, Copy, PartialEq)]
+enum Voids {
+    Open,
+    Fill,
+}
+
+/// Signs of the lattice points, and those that stay where they are.
+struct Signs {
+    signs: Vec<i8>,
+    settled: BTreeMap<Point, i8>,
+    opened: usize,
+    filled: usize,
 }
 
 /// Why a field could not be stuffed.
@@ -87,10 +108,18 @@ impl<'f> Stuffer<'f> {
     /// # Errors
     /// When the lattice does not resolve the region.
     pub fn stuff(&self, level: f64, keep: Keep) -> Result<Stuffed, Unstuffed> {
-        let (signs, mut settled) = self.signs(level)?;
+        match self.stuff_with(level, keep, Voids::Open) {
+            // A passage that pinches the surface elsewhere does more harm than a filled cavity.
+            Err(Unstuffed::Pinched(_)) => self.stuff_with(level, keep, Voids::Fill),
+            done => done,
+        }
+    }
+
+    fn stuff_with(&self, level: f64, keep: Keep, voids: Voids) -> Result<Stuffed, Unstuffed> {
+        let Signs { signs, mut settled, opened, filled } = self.signs(level, voids)?;
         let mut unpinched = 0;
         // A lattice point stands for half a cell.
-        let filled_volume = settled.len() as f64 * self.lattice.a.powi(3) / 2.0;
+        let filled_volume = filled as f64 * self.lattice.a.powi(3) / 2.0;
         for _ in 0..ROUNDS {
             let raw = self.cut_and_warp(level, signs.clone(), &settled);
             let (mut mesh, points) = raw.into_mesh(&self.lattice);
@@ -99,6 +128,7 @@ impl<'f> Stuffer<'f> {
             if pinched.is_empty() {
                 mesh.unpinched = unpinched;
                 mesh.filled_volume = filled_volume;
+                mesh.opened = opened;
                 mesh.lattice = points.iter().map(|p| p.map(|p| self.lattice.doubled(p))).collect();
                 return if mesh.tets.is_empty() { Err(Unstuffed::Nothing) } else { Ok(mesh) };
             }
@@ -118,8 +148,9 @@ impl<'f> Stuffer<'f> {
         Err(Unstuffed::Pinched(self.lattice.origin))
     }
 
-    /// The signs of the lattice points, voids filled. The points that were filled are settled: they stay where they are.
-    fn signs(&self, level: f64) -> Result<(Vec<i8>, BTreeMap<Point, i8>), Unstuffed> {
+    /// The signs of the lattice points; cavities are opened or filled, and the points that does it with are settled: they stay where they
+    /// are.
+    fn signs(&self, level: f64, voids: Voids) -> Result<Signs, Unstuffed> {
         let mut signs: Vec<i8> = self.values.iter().map(|v| sign(v + level)).collect();
         if signs.iter().all(|s| *s <= 0) {
             return Err(Unstuffed::Nothing);
@@ -135,6 +166,47 @@ impl<'f> Stuffer<'f> {
                 stack.push(p);
             }
         }
+        self.flood(&signs, &mut reached, stack);
+        let mut out = Signs { signs: Vec::new(), settled: BTreeMap::new(), opened: 0, filled: 0 };
+        for p in 0..signs.len() {
+            if signs[p] >= 0 || reached[p] {
+                continue;
+            }
+            let mut void = vec![p as Point];
+            let mut seen: FxHashSet<Point> = void.iter().copied().collect();
+            let mut next = 0;
+            while next < void.len() {
+                let near: Vec<Point> = self.lattice.neighbours(void[next]).map(|(n, _)| n).filter(|n| signs[*n as usize] < 0).collect();
+                void.extend(near.into_iter().filter(|n| seen.insert(*n)));
+                next += 1;
+            }
+            let passage = match voids {
+                Voids::Open => passage::through_wall(&self.lattice, &void, &reached, |p| (self.field)(p) + level),
+                Voids::Fill => None,
+            };
+            if let Some(wall) = passage {
+                for p in wall {
+                    signs[p as usize] = -1;
+                    reached[p as usize] = true;
+                    out.settled.insert(p, -1);
+                }
+                void.iter().for_each(|p| reached[*p as usize] = true);
+                self.flood(&signs, &mut reached, void);
+                out.opened += 1;
+            } else {
+                out.filled += void.len();
+                for p in void {
+                    signs[p as usize] = 1;
+                    out.settled.insert(p, 1);
+                }
+            }
+        }
+        out.signs = signs;
+        Ok(out)
+    }
+
+    /// Marks all outside points that hang together with those of the stack.
+    fn flood(&self, signs: &[i8], reached: &mut [bool], mut stack: Vec<Point>) {
         while let Some(p) = stack.pop() {
             for (n, _) in self.lattice.neighbours(p) {
                 if signs[n as usize] < 0 && !reached[n as usize] {
@@ -143,14 +215,6 @@ impl<'f> Stuffer<'f> {
                 }
             }
         }
-        let mut settled = BTreeMap::new();
-        for p in 0..signs.len() {
-            if signs[p] < 0 && !reached[p] {
-                signs[p] = 1;
-                settled.insert(p as Point, 1);
-            }
-        }
-        Ok((signs, settled))
     }
 
     fn cut_and_warp(&self, level: f64, mut signs: Vec<i8>, settled: &BTreeMap<Point, i8>) -> Cut {
@@ -167,6 +231,10 @@ impl<'f> Stuffer<'f> {
         let cuts: Vec<f64> = edges
             .par_iter()
             .map(|&(p, n)| {
+                if settled.get(&n) == Some(&-1) && !settled.contains_key(&p) {
+                    // A passage is no wider than it must be for its points not to be drawn onto the surface.
+                    return 1.0 - PASSAGE;
+                }
                 if settled.contains_key(&p) || settled.contains_key(&n) {
                     return 0.5;
                 }
