@@ -4,8 +4,10 @@
 
 pub mod cleave;
 pub mod components;
+pub mod contact_sheet;
 pub mod decimate;
 pub mod dicom_file;
+mod dicom_pixels;
 pub mod dicom_seg;
 pub mod dicom_series;
 pub mod dicom_write;
@@ -14,6 +16,7 @@ pub mod distance;
 pub mod drawn;
 pub mod error;
 pub mod field;
+pub mod files;
 pub mod frame;
 pub mod glb;
 pub mod input;
@@ -24,6 +27,7 @@ pub mod phantom;
 pub mod pipeline;
 mod publish;
 pub mod report;
+pub mod resample;
 mod stencil;
 pub mod stuffing;
 pub mod surface;

@@ -2,6 +2,7 @@
 
 use crate::cleave::{Parted, cleave};
 use crate::components::{self, Border, ComponentChoice, ComponentReport};
+use crate::contact_sheet::{self, Outline};
 use crate::error::ImagingError;
 use crate::field::{BLUR_VOXELS, ScalarGrid};
 use crate::frame;
@@ -96,18 +97,47 @@ pub fn prepare(mut labels: LabelVolume, component: ComponentChoice, border: Bord
     Ok(Prepared { body, found, holes })
 }
 
+/// A mesh with what it was made of.
+pub struct Made {
+    /// The mesh, world metres.
+    pub mesh: TetMesh,
+    /// Its figures.
+    pub report: MeshReport,
+    body: Body,
+    parted: Parted,
+}
+
+impl Made {
+    /// The picture of the mesh over its labels.
+    #[must_use]
+    pub fn contact_sheet(&self) -> contact_sheet::Picture {
+        let (boundary, borders) = faces(&self.parted);
+        let borders: Vec<[u32; 3]> = borders.into_iter().map(|(f, _)| f).collect();
+        contact_sheet::draw(&self.body, &Outline { nodes: &self.parted.nodes, boundary: &boundary, borders: &borders })
+    }
+}
+
+/// The mesh of [`make`] with its report.
+///
+/// # Errors
+/// As [`make`].
+pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut(Stage)) -> Result<(TetMesh, MeshReport), ImagingError> {
+    make(labels, options, progress).map(|made| (made.mesh, made.report))
+}
+
 /// Meshes the union of all labels as one body; material 0 is the first label, 1 the second.
 ///
 /// The border of an inner label is made of faces of the mesh. `progress` hears of each stage as it begins.
 ///
 /// # Errors
 /// Empty labels, a body at the border, a cell too large or too small for the body.
-pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut(Stage)) -> Result<(TetMesh, MeshReport), ImagingError> {
+pub fn make(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut(Stage)) -> Result<Made, ImagingError> {
     let a = options.edge_mm;
     if !(a.is_finite() && a > 0.0) {
         return Err(ImagingError::Edge { edge_mm: a, extent_mm: [0.0; 3], reason: "the cell must be a positive length in millimetres" });
     }
     let names = labels.names.clone();
+    let notes = labels.notes.clone();
     let voxel = frame::spacing(&labels.voxel_to_lps);
     let mut seconds = Seconds::default();
     let mut clock = Instant::now();
@@ -174,6 +204,7 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
     let closed_manifold = boundary.is_closed_manifold();
     seconds.figures = lap();
     let report = MeshReport {
+        notes,
         found,
         holes_filled: holes.0,
         hole_voxels: holes.1,
@@ -204,7 +235,7 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
         centre_m: centre.to_array(),
         seconds,
     };
-    Ok((mesh, report))
+    Ok(Made { mesh, report, body, parted })
 }
 
 /// Cuts a part out at the level at which it has the volume `target`, mm3, as [`stuff_to_volume`] does.
@@ -237,18 +268,32 @@ fn cleave_to_volume(mesh: &Parted, grid: &ScalarGrid, part: u16, target: f64) ->
     best
 }
 
-/// How far the faces between materials are from the fields' borders, part by part.
-fn borders(inner: &[ScalarGrid], mesh: &Parted) -> Vec<BorderReport> {
-    let mut faces: Vec<([u32; 3], u16)> = Vec::new();
+/// The boundary's triangles, each with the material behind it, and the triangles between materials, each with both.
+fn faces(mesh: &Parted) -> (Vec<([u32; 3], u16)>, Vec<([u32; 3], [u16; 2])>) {
+    let mut all: Vec<([u32; 3], [u32; 3], u16)> = Vec::with_capacity(4 * mesh.tets.len());
     for (t, m) in mesh.tets.iter().zip(&mesh.materials) {
         for f in keyhole_tetmesh::FACES {
-            let mut face = f.map(|c| t[c]);
-            face.sort_unstable();
-            faces.push((face, *m));
+            let face = f.map(|c| t[c]);
+            let mut key = face;
+            key.sort_unstable();
+            all.push((key, face, *m));
         }
     }
-    faces.sort_unstable();
-    let shared: Vec<_> = faces.windows(2).filter(|w| w[0].0 == w[1].0 && w[0].1 != w[1].1).map(|w| (w[0].0, [w[0].1, w[1].1])).collect();
+    all.sort_unstable();
+    let (mut boundary, mut borders) = (Vec::new(), Vec::new());
+    for same in all.chunk_by(|a, b| a.0 == b.0) {
+        match same {
+            [(_, face, m)] => boundary.push((*face, *m)),
+            [(key, _, m), (_, _, n)] if m != n => borders.push((*key, [*m, *n])),
+            _ => {}
+        }
+    }
+    (boundary, borders)
+}
+
+/// How far the faces between materials are from the fields' borders, part by part.
+fn borders(inner: &[ScalarGrid], mesh: &Parted) -> Vec<BorderReport> {
+    let (_, shared) = faces(mesh);
     inner
         .iter()
         .enumerate()

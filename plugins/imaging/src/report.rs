@@ -46,6 +46,8 @@ pub struct BorderReport {
 /// Quality figures of a volume mesh.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct MeshReport {
+    /// What the reader of the scan has to say: what was left out, filled in or resampled.
+    pub notes: Vec<String>,
     /// Components of the labels before the choice, largest first.
     pub found: Vec<ComponentReport>,
     /// Enclosed holes of the mask that were filled.
@@ -108,6 +110,9 @@ pub struct MeshReport {
 
 impl fmt::Display for MeshReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for note in &self.notes {
+            writeln!(f, "note: {note}")?;
+        }
         writeln!(f, "components of the labels: {}", self.found.len())?;
         for c in self.found.iter().take(6) {
             let mark = if c.chosen { " <- meshed" } else { "" };

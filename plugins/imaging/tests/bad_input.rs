@@ -6,6 +6,7 @@ mod common;
 mod nifti_bytes;
 
 use common::labels;
+use keyhole_imaging::dicom_series::Gaps;
 use keyhole_imaging::phantom::{PhantomSettings, sample};
 use keyhole_imaging::{
     Centring, ComponentChoice, ImagingError, LabelVolume, MeshOptions, Selection, dicom_series, dicom_write, input, pipeline,
@@ -76,7 +77,10 @@ fn a_valid_volume_is_meshed_and_each_mistake_is_named() {
     let empty = nifti(DIMS, [1.0, 2.0, 2.0, 2.0], sform(0.0), None, &vec![0; DIMS.iter().product()]);
     assert!(matches!(read(&empty, &[("organ", 1)]), Err(ImagingError::UnknownLabel { .. })));
     let sheared = nifti(DIMS, [1.0, 2.0, 2.0, 2.0], sform(0.4), None, &block());
-    assert!(matches!(read(&sheared, &[("organ", 1)]), Err(ImagingError::Sheared { .. })));
+    let straight = read(&sheared, &[("organ", 1)]).unwrap();
+    assert!(straight.notes[0].contains("11.3 degrees"), "{:?}", straight.notes);
+    let flattened = nifti(DIMS, [1.0, 2.0, 2.0, 2.0], sform(9.0), None, &block());
+    assert!(matches!(read(&flattened, &[("organ", 1)]), Err(ImagingError::Sheared { .. })));
     let flat = nifti(DIMS, [1.0, 0.0, 2.0, 2.0], None, None, &block());
     assert!(matches!(read(&flat, &[("organ", 1)]), Err(ImagingError::Format { .. })));
     let nowhere = input::read(Path::new("no/such/file.nii"), &Selection::Labels(labels(&[("organ", 1)])));
@@ -109,12 +113,12 @@ fn truncated_foreign_and_boasting_files_are_refused() {
 fn selections_that_do_not_fit_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let of = |s: &Selection, p: &Path| input::read(p, s).unwrap_err().to_string();
-    let threshold = Selection::Threshold { low: 0.0, high: 1.0, series: None };
+    let threshold = Selection::Threshold { low: 0.0, high: 1.0, series: None, gaps: Gaps::Refuse };
     assert!(of(&threshold, folder.path()).contains("holds no CT image"));
     assert!(of(&Selection::Labels(labels(&[("a", 1)])), folder.path()).contains("--threshold"));
     let file = folder.path().join("x.nii");
     std::fs::write(&file, valid()).unwrap();
-    assert!(of(&threshold, &file).contains("folder of a CT series"));
+    assert!(of(&threshold, &file).contains("holds no CT image"));
     assert!(of(&Selection::Labels(Vec::new()), &file).contains("--label"));
 }
 
@@ -179,7 +183,7 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("a.dcm"), mutate(slice, &changes)).unwrap();
         std::fs::write(folder.path().join("b.dcm"), slice).unwrap();
-        if let Ok(series) = dicom_series::find(folder.path(), None) {
+        if let Ok(series) = dicom_series::find(folder.path(), None, Gaps::Interpolate) {
             drop(series.read());
         }
     }
