@@ -42,6 +42,10 @@ pub struct MeshArgs {
     /// The lattice's cell, mm: long edges of the tetrahedra have this length.
     #[arg(long, value_name = "MM", default_value_t = 4.0)]
     pub edge: f64,
+    /// The largest cell in the core, mm: away from the surface and from borders between parts cells double up to this. Without it all cells
+    /// are the same.
+    #[arg(long, value_name = "MM")]
+    pub core: Option<f64>,
     /// Move the mesh's box to the origin instead of leaving it where the patient is (volume meshes only).
     #[arg(long)]
     pub centre: bool,
@@ -103,7 +107,8 @@ pub fn run(args: MeshArgs) -> Result<(), Failure> {
     let labels = input::read(&args.input, &selection).map_err(Failure::input)?;
     let json = if volume {
         let centring = if args.centre { Centring::Origin } else { Centring::Patient };
-        let options = MeshOptions { edge_mm: args.edge, component: component.unwrap_or_default(), centring };
+        let core_doublings = args.core.map_or(0.0, |core| (core / args.edge).log2().floor()).clamp(0.0, 8.0) as u8;
+        let options = MeshOptions { edge_mm: args.edge, core_doublings, component: component.unwrap_or_default(), centring };
         let mut progress = |stage: Stage| bar.set_message(stage.name());
         let made = pipeline::make(labels, &options, &mut progress).map_err(Failure::input)?;
         vtu::write(&output, &made.mesh, &[]).map_err(Failure::job)?;

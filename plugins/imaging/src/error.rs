@@ -67,19 +67,6 @@ pub enum ImagingError {
         /// Voxels along each axis.
         dims: [usize; 3],
     },
-    /// A body that is cut off by the border of the volume.
-    #[error(
-        "{what} touches the {side} border of the volume at voxel {voxel:?}, so a part of it is missing: \
-         use a scan that holds all of it, or another --component"
-    )]
-    Border {
-        /// The label or component.
-        what: String,
-        /// Which border.
-        side: &'static str,
-        /// A voxel there.
-        voxel: [usize; 3],
-    },
     /// A component that is not there.
     #[error("component {wanted} was asked for, but there are {count}, numbered from 0 by volume: {list}")]
     NoComponent {

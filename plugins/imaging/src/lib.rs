@@ -1,6 +1,4 @@
-//! Scan to volume mesh: NIfTI and DICOM in, labels, a smooth field, tetrahedra out.
-//!
-//! An offline room: no engine, no schedule.
+#![doc = include_str!("../README.md")]
 
 pub mod cleave;
 pub mod components;
@@ -19,6 +17,7 @@ pub mod field;
 pub mod files;
 pub mod frame;
 pub mod glb;
+mod graded;
 pub mod input;
 mod lattice;
 pub mod nifti_file;

@@ -1,12 +1,12 @@
 //! From labels to tetrahedra in world metres.
 
 use crate::cleave::{Parted, cleave};
-use crate::components::{self, Border, ComponentChoice, ComponentReport};
+use crate::components::{self, ComponentChoice, ComponentReport};
 use crate::contact_sheet::{self, Outline};
 use crate::error::ImagingError;
 use crate::field::{BLUR_VOXELS, ScalarGrid};
 use crate::frame;
-use crate::report::{BorderReport, MeshReport, PartReport, Seconds};
+use crate::report::{BorderReport, MeshReport, NarrowPlace, PartReport, Seconds};
 use crate::stuffing::{Keep, Stuffed, Stuffer, Unstuffed};
 use crate::surface_distance::{self, Distances};
 use crate::topology;
@@ -24,6 +24,10 @@ const PART_TOLERANCE: f64 = 5e-3;
 const PART_STEPS: usize = 3;
 /// Cells beyond which a lattice is refused: some 2 GB.
 const MAX_CELLS: f64 = 2e7;
+/// Doublings beyond which a core has no room in any organ.
+const MAX_DOUBLINGS: u8 = 6;
+/// Cells within which thin walls count as one place.
+const PLACE_CELLS: f64 = 3.0;
 /// Part of the body that the lattice may tear off before the mesh is refused.
 const MAX_DROPPED: f64 = 0.05;
 
@@ -32,6 +36,8 @@ const MAX_DROPPED: f64 = 0.05;
 pub struct MeshOptions {
     /// Lattice cell, mm.
     pub edge_mm: f64,
+    /// How often the cell may double in the core, away from the surface and from borders between parts; 0 for one cell everywhere.
+    pub core_doublings: u8,
     /// Which component.
     pub component: ComponentChoice,
     /// Whether the mesh is moved so that its box is centred at the origin.
@@ -88,9 +94,9 @@ pub struct Prepared {
 ///
 /// # Errors
 /// Those of [`components::choose`] and [`LabelVolume::check_geometry`].
-pub fn prepare(mut labels: LabelVolume, component: ComponentChoice, border: Border, margin_mm: f64) -> Result<Prepared, ImagingError> {
+pub fn prepare(mut labels: LabelVolume, component: ComponentChoice, margin_mm: f64) -> Result<Prepared, ImagingError> {
     labels.check_geometry()?;
-    let (found, bounds) = components::choose(&mut labels, component, border)?;
+    let (found, bounds) = components::choose(&mut labels, component)?;
     let mut body = labels.crop(bounds, margin_mm);
     drop(labels);
     let holes = components::close_holes(&mut body.parts, body.dims);
@@ -130,14 +136,14 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
 /// The border of an inner label is made of faces of the mesh. `progress` hears of each stage as it begins.
 ///
 /// # Errors
-/// Empty labels, a body at the border, a cell too large or too small for the body.
+/// Empty labels, a cell too large or too small for the body.
 pub fn make(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut(Stage)) -> Result<Made, ImagingError> {
     let a = options.edge_mm;
     if !(a.is_finite() && a > 0.0) {
         return Err(ImagingError::Edge { edge_mm: a, extent_mm: [0.0; 3], reason: "the cell must be a positive length in millimetres" });
     }
     let names = labels.names.clone();
-    let notes = labels.notes.clone();
+    let mut notes = labels.notes.clone();
     let voxel = frame::spacing(&labels.voxel_to_lps);
     let mut seconds = Seconds::default();
     let mut clock = Instant::now();
@@ -145,7 +151,14 @@ pub fn make(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
 
     progress(Stage::Labels);
     // The surface moves by less than a voxel; a lattice point outside it is at most a cell away.
-    let Prepared { body, found, holes } = prepare(labels, options.component, Border::Refuse, 2.0 * voxel.max_element())?;
+    let Prepared { body, found, holes } = prepare(labels, options.component, 2.0 * voxel.max_element())?;
+    for c in found.iter().filter(|c| c.chosen && !c.at_borders.is_empty()) {
+        notes.push(format!(
+            "component {} reaches the {} border of the volume and ends there with a flat face: what is beyond is missing",
+            c.rank,
+            c.at_borders.join(" and the ")
+        ));
+    }
     let (min, max) = body.extent_mm().unwrap_or_default();
     let extent = max - min + voxel;
     let cells = ((extent + 4.0 * a) / a).element_product();
@@ -166,7 +179,8 @@ pub fn make(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
     progress(Stage::Stuffing);
     let field = |p: DVec3| -beyond(&whole, p);
     let room = DVec3::splat(2.0 * a) + 2.0 * voxel;
-    let stuffer = Stuffer::new(&field, min - room, max + room, a);
+    let sides = |p: DVec3| inner.iter().enumerate().map(|(i, g)| u32::from(g.sample(p) < 0.0) << (i % 32)).sum::<u32>();
+    let stuffer = Stuffer::new(&field, min - room, max + room, a).with_core(options.core_doublings.min(MAX_DOUBLINGS), &sides);
     let target = body.count() as f64 * body.voxel_mm3();
     let keep = if options.component == ComponentChoice::All { Keep::All } else { Keep::Largest };
     let (stuffed, level) =
@@ -229,6 +243,7 @@ pub fn make(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
         closed_manifold,
         cavities_opened: stuffed.opened,
         unpinched: stuffed.unpinched,
+        narrow: narrow_places(&stuffed.narrow, PLACE_CELLS * a, |p| body.grid_to_lps.transform_point3(p)),
         borders: borders(&inner, &parted),
         min_m: (low - centre).to_array(),
         max_m: (high - centre).to_array(),
@@ -312,6 +327,19 @@ fn borders(inner: &[ScalarGrid], mesh: &Parted) -> Vec<BorderReport> {
             BorderReport { material: part, faces: off.len() / 4, off: Distances::of(&off) }
         })
         .collect()
+}
+
+/// Points within `reach` of the first of them as one place, the places with most points first.
+fn narrow_places(points: &[DVec3], reach: f64, to_lps: impl Fn(DVec3) -> DVec3) -> Vec<NarrowPlace> {
+    let mut places: Vec<(DVec3, usize)> = Vec::new();
+    for p in points {
+        match places.iter_mut().find(|(q, _)| q.distance(*p) < reach) {
+            Some((_, n)) => *n += 1,
+            None => places.push((*p, 1)),
+        }
+    }
+    places.sort_by(|a, b| b.1.cmp(&a.1));
+    places.into_iter().map(|(p, points)| NarrowPlace { at_lps_mm: to_lps(p).to_array(), points }).collect()
 }
 
 /// The field of a grid, growing with the distance from the grid beyond it.

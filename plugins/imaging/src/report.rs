@@ -43,6 +43,15 @@ pub struct BorderReport {
     pub off: Distances,
 }
 
+/// A place where walls or gaps are about as thin as a cell.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub struct NarrowPlace {
+    /// Where, patient LPS, mm.
+    pub at_lps_mm: [f64; 3],
+    /// Lattice points there that gave way.
+    pub points: usize,
+}
+
 /// Quality figures of a volume mesh.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct MeshReport {
@@ -98,6 +107,8 @@ pub struct MeshReport {
     pub closed_manifold: bool,
     /// Lattice points kept off the surface, for two sheets would have met there.
     pub unpinched: usize,
+    /// Thin walls, narrow gaps and near-touching sheets: a smaller cell resolves them. The widest first.
+    pub narrow: Vec<NarrowPlace>,
     /// Smallest corner of the mesh's box, world metres.
     pub min_m: [f64; 3],
     /// Largest corner of the mesh's box, world metres.
@@ -158,6 +169,17 @@ impl fmt::Display for MeshReport {
         }
         if self.voids_filled_ml > 0.0 {
             writeln!(f, "filled: {:.3} ml of cavities whose channels the lattice does not resolve", self.voids_filled_ml)?;
+        }
+        for n in self.narrow.iter().take(4) {
+            let [l, p, s] = n.at_lps_mm;
+            writeln!(
+                f,
+                "thin: a wall or a gap about as thin as a cell around LPS ({l:.0}, {p:.0}, {s:.0}) mm, {} lattice point(s)",
+                n.points
+            )?;
+        }
+        if self.narrow.len() > 4 {
+            writeln!(f, "  and at {} more places; a smaller cell resolves them", self.narrow.len() - 4)?;
         }
         let s = self.seconds;
         write!(f, "seconds: labels {:.2}, field {:.2}, stuffing {:.2}, figures {:.2}", s.labels, s.field, s.stuffing, s.figures)

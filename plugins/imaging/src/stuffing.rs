@@ -4,10 +4,13 @@
 //! close to a cut point move onto it, the other edges are cut, and a stencil keeps what is inside. With the thresholds below and
 //! the parity rule every dihedral angle lies in [10.7, 164.8] degrees whatever the field is (their theorem for the uniform lattice).
 //!
+//! The core may be coarser ([`Stuffer::with_core`]).
+//!
 //! Added to the paper: a point on the surface where two sheets meet is not moved, so that the boundary is a closed 2-manifold; cavities that
 //! the lattice closed are opened again where the wall is thinnest, and filled where it is thick; bodies that only the lattice tore off are
 //! dropped and counted.
 
+use crate::graded::Leaves;
 use crate::lattice::{Lattice, Point};
 use crate::passage;
 use crate::stencil::{self, Vertex};
@@ -59,6 +62,8 @@ pub struct Stuffed {
     pub opened: usize,
     /// Lattice points that were not moved to the surface because two sheets would have met there.
     pub unpinched: usize,
+    /// Where those are, and where cavities were opened or filled: walls and gaps that the lattice hardly resolves.
+    pub narrow: Vec<DVec3>,
 }
 
 /// What becomes of cavities that the lattice closed.
@@ -92,7 +97,12 @@ pub struct Stuffer<'f> {
     field: Field<'f>,
     lattice: Lattice,
     values: Vec<f64>,
+    /// Doublings of the cell in the core, and what tells the sides of surfaces within the body apart.
+    core: Option<(u8, Classes<'f>)>,
 }
+
+/// A number for each point within a body that differs on the two sides of every surface in it.
+pub type Classes<'f> = &'f (dyn Fn(DVec3) -> u32 + Sync);
 
 impl<'f> Stuffer<'f> {
     /// Samples a field on a lattice of cells of size `a` around the box, which must hold the body with a cell to spare.
@@ -100,7 +110,14 @@ impl<'f> Stuffer<'f> {
     pub fn new(field: Field<'f>, min: DVec3, max: DVec3, a: f64) -> Self {
         let lattice = Lattice::around(min, max, a);
         let values = (0..lattice.len() as Point).into_par_iter().map(|p| field(lattice.position(p))).collect();
-        Self { field, lattice, values }
+        Self { field, lattice, values, core: None }
+    }
+
+    /// Lets the cells double up to `levels` times away from the surface and from where `classes` differ.
+    #[must_use]
+    pub fn with_core(mut self, levels: u8, classes: Classes<'f>) -> Self {
+        self.core = (levels > 0).then_some((levels, classes));
+        self
     }
 
     /// Fills the region where `field + level` is positive.
@@ -122,13 +139,17 @@ impl<'f> Stuffer<'f> {
         let filled_volume = filled as f64 * self.lattice.a.powi(3) / 2.0;
         for _ in 0..ROUNDS {
             let raw = self.cut_and_warp(level, signs.clone(), &settled);
-            let (mut mesh, points) = raw.into_mesh(&self.lattice);
+            let (levels, classes): (u8, Classes) = self.core.unwrap_or((0, &|_| 0));
+            let inside = |p: Point| raw.signs[p as usize] > 0 && !raw.moved.contains_key(&p);
+            let leaves = Leaves::new(&self.lattice, levels, inside, |p| classes(self.lattice.position(p)));
+            let (mut mesh, points) = raw.into_mesh(&self.lattice, &leaves);
             let points = drop_small(&mut mesh, points, keep);
             let pinched = topology::pinched(&mesh.nodes, &mesh.tets);
             if pinched.is_empty() {
                 mesh.unpinched = unpinched;
                 mesh.filled_volume = filled_volume;
                 mesh.opened = opened;
+                mesh.narrow = settled.keys().map(|p| self.lattice.position(*p)).collect();
                 mesh.lattice = points.iter().map(|p| p.map(|p| self.lattice.doubled(p))).collect();
                 return if mesh.tets.is_empty() { Err(Unstuffed::Nothing) } else { Ok(mesh) };
             }
@@ -284,12 +305,12 @@ struct Cut {
 
 impl Cut {
     /// The kept tetrahedra, and the lattice point of each node that is one.
-    fn into_mesh(self, lattice: &Lattice) -> (Stuffed, Vec<Option<Point>>) {
+    fn into_mesh(self, lattice: &Lattice, leaves: &Leaves) -> (Stuffed, Vec<Option<Point>>) {
         let mut mesh = Stuffed::default();
         let mut points = Vec::new();
         let mut node_of_point: Vec<u32> = vec![u32::MAX; self.signs.len()];
         let mut node_of_cut: Vec<u32> = vec![u32::MAX; self.edges.len()];
-        for tet in lattice.tets() {
+        for tet in lattice.tets(|cell| leaves.is_fine(cell)).chain(leaves.tets(lattice)) {
             let signs = tet.map(|p| self.signs[p as usize]);
             if signs.iter().all(|s| *s <= 0) {
                 continue;

@@ -16,15 +16,15 @@ fn both_kidneys_of_three_patients() {
         println!("skipped: there is no {}", folder.display());
         return;
     }
-    // Slices of 0.5, 1 and 5 mm; the finest cell where it costs least.
-    for (case, edges) in [("case_00000", &[4.0, 6.0][..]), ("case_00003", &[4.0, 6.0]), ("case_00064", &[2.0, 4.0, 6.0])] {
+    // Slices of 0.5, 1 and 5 mm; the finest cell where the clefts are narrowest.
+    for (case, edges) in [("case_00000", &[4.0, 6.0][..]), ("case_00003", &[4.0, 6.0]), ("case_00064", &[3.0, 4.0, 6.0])] {
         let selection = Selection::Labels(labels(&[("kidney", 1), ("tumour", 2)]));
         let volume = input::read(&folder.join(format!("{case}.nii.gz")), &selection).unwrap();
         let m = volume.voxel_to_lps.matrix3;
         let half_diagonal = (m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared()).sqrt() / 2.0;
         for (rank, &edge_mm) in [0, 1].iter().flat_map(|r| edges.iter().map(move |e| (*r, e))) {
             let name = format!("{case}, kidney {rank}, {edge_mm} mm");
-            let options = MeshOptions { edge_mm, component: ComponentChoice::Rank(rank), centring: Centring::Patient };
+            let options = MeshOptions { edge_mm, core_doublings: 0, component: ComponentChoice::Rank(rank), centring: Centring::Patient };
             let (mesh, report) = pipeline::mesh(volume.clone(), &options, &mut |_| {}).unwrap();
             let most = if edge_mm < 5.0 { 0.5 } else { 1.0 };
             assert!(report.volume_error_percent.abs() < most, "{name}: {} %", report.volume_error_percent);

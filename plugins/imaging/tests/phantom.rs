@@ -73,7 +73,7 @@ fn the_kidney_has_the_volume_of_its_functions() {
     let (folder, _) = written(&PhantomSettings { noise_hu: 0.0, ..PhantomSettings::default() });
     let selection = Selection::Labels(labels(&[("kidney", 1), ("tumour", 2)]));
     let read = input::read(&folder.path().join(dicom_write::SEGMENTATION_FILE), &selection).unwrap();
-    let options = MeshOptions { edge_mm: 4.0, component: ComponentChoice::Auto, centring: Centring::Patient };
+    let options = MeshOptions { edge_mm: 4.0, core_doublings: 0, component: ComponentChoice::Auto, centring: Centring::Patient };
     let (mesh, report) = pipeline::mesh(read, &options, &mut |_| {}).unwrap();
     // The functions themselves, on a grid that has nothing to do with the scan's.
     let structures = abdomen();
@@ -110,12 +110,53 @@ fn thresholds_find_bone_and_the_border_is_told() {
     let bone = input::read(folder.path(), &selection(449.0, 451.0)).unwrap();
     assert!(bone.parts.iter().any(|p| *p != 0));
     let whole = input::read(folder.path(), &selection(-100.0, 3000.0)).unwrap();
-    let options = MeshOptions { edge_mm: 30.0, component: ComponentChoice::Auto, centring: Centring::Patient };
-    let error = pipeline::mesh(whole, &options, &mut |_| {}).unwrap_err();
-    assert!(matches!(error, ImagingError::Border { side: "first z", .. }), "{error}");
+    let options = MeshOptions { edge_mm: 30.0, core_doublings: 0, component: ComponentChoice::Auto, centring: Centring::Patient };
+    let notes = pipeline::mesh(whole, &options, &mut |_| {}).unwrap().1.notes;
+    assert!(notes.iter().any(|n| n.contains("first z")), "{notes:?}");
     let seg = folder.path().join(dicom_write::SEGMENTATION_FILE);
     let body = input::read(&seg, &Selection::Labels(labels(&[("body", 11)]))).unwrap();
-    assert!(matches!(pipeline::mesh(body, &options, &mut |_| {}), Err(ImagingError::Border { .. })), "a segment on every image is cut off");
+    let notes = pipeline::mesh(body, &options, &mut |_| {}).unwrap().1.notes;
+    assert!(notes.iter().any(|n| n.contains("last z")), "a segment on every image is cut off: {notes:?}");
     let absent = dicom_seg::read_labels(&seg, &labels(&[("liver", 40)])).unwrap_err().to_string();
     assert!(absent.contains("liver=40") && absent.contains("1 (kidney_left)"), "{absent}");
+}
+
+/// Another library reads what was written, where Python has one.
+#[test]
+fn pydicom_reads_the_same() {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/common/pydicom_check.py");
+    let python = |args: &[&std::ffi::OsStr]| std::process::Command::new("python3").args(args).output();
+    if !python(&["-c".as_ref(), "import pydicom, numpy".as_ref()]).is_ok_and(|o| o.status.success()) {
+        println!("skipped: python3 has no pydicom with numpy");
+        return;
+    }
+    let (folder, volume) = written(&COARSE);
+    let out = python(&[script.as_ref(), folder.path().as_ref()]).unwrap();
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let [nx, ny, nz] = volume.dims;
+    let sum: i64 = volume.hu.iter().map(|v| i64::from(*v)).sum();
+    let mut want = format!("slices {nz} {nx} {ny}\nclass CT Image Storage\nunique {nz} 1\nsum {sum}\n");
+    want += "segmentation Segmentation Storage BINARY True\nreferenced True\n";
+    for (s, mask) in volume.structures.iter().zip(&volume.masks) {
+        want += &format!("segment {} {} {}\n", s.number, s.name, mask.iter().filter(|v| **v != 0).count());
+    }
+    assert_eq!(String::from_utf8_lossy(&out.stdout), want);
+}
+
+/// Every surface that is only drawn keeps the volume of its voxels, thin vessels too.
+#[test]
+fn drawn_surfaces_keep_their_volume() {
+    let (folder, volume) = written(&PhantomSettings { noise_hu: 0.0, pixel_mm: 2.0, slice_mm: 2.0, seed: 0 });
+    for structure in volume.structures.iter().filter(|s| s.name != "body") {
+        let file = folder.path().join(dicom_write::SEGMENTATION_FILE);
+        let labels = dicom_seg::read_labels(&file, &labels(&[(structure.name, structure.number.into())])).unwrap();
+        let (_, report) = keyhole_imaging::drawn::draw(labels, ComponentChoice::All, 2.0).unwrap();
+        assert!(
+            (report.surface_ml / report.mask_ml - 1.0).abs() < 0.01,
+            "{}: {} of {} ml",
+            structure.name,
+            report.surface_ml,
+            report.mask_ml
+        );
+    }
 }
