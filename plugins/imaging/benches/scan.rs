@@ -6,6 +6,7 @@
 #![expect(clippy::unwrap_used, reason = "a bench stops where it fails")]
 
 #[path = "../tests/common/ct.rs"]
+#[expect(dead_code, reason = "other tests use the rest")]
 mod ct;
 
 use ct::Ct;

@@ -338,7 +338,7 @@ fn narrow_places(points: &[DVec3], reach: f64, to_lps: impl Fn(DVec3) -> DVec3) 
             None => places.push((*p, 1)),
         }
     }
-    places.sort_by(|a, b| b.1.cmp(&a.1));
+    places.sort_by_key(|p| std::cmp::Reverse(p.1));
     places.into_iter().map(|(p, points)| NarrowPlace { at_lps_mm: to_lps(p).to_array(), points }).collect()
 }
 

@@ -25,7 +25,8 @@ pub fn straighten(planes: &[Plane], [nx, ny]: [usize; 2], spacing: DVec3, straig
     let (before, after) = ((low / spacing).floor(), (high / spacing).ceil());
     let slices = ((high.z - low.z) / spacing.z).round() + 1.0;
     let size = [after.x - before.x + nx as f64, after.y - before.y + ny as f64, slices];
-    if !(size.iter().product::<f64>() <= most as f64) {
+    let voxels: f64 = size.iter().product();
+    if voxels.is_nan() || voxels > most as f64 {
         return None;
     }
     let dims = size.map(|n| n as usize);
@@ -80,7 +81,8 @@ pub fn straighten_labels(labels: &LabelVolume, most: usize) -> Option<LabelVolum
         (l.min(p), h.max(p))
     });
     let cells = ((high - low) / spacing).round() + DVec3::ONE;
-    if !(cells.element_product() <= most as f64) {
+    let voxels = cells.element_product();
+    if voxels.is_nan() || voxels > most as f64 {
         return None;
     }
     let dims = cells.to_array().map(|n| n as usize);

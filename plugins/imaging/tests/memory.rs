@@ -3,6 +3,7 @@
 
 mod common;
 #[path = "common/ct.rs"]
+#[expect(dead_code, reason = "other tests use the rest")]
 mod ct;
 #[path = "common/nifti.rs"]
 mod nifti_bytes;
