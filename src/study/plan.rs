@@ -194,6 +194,7 @@ pub fn phantom_kidneys(cells_mm: &[f64]) -> Result<Vec<StudyMesh>, ImagingError>
         parts,
         names: names.map(String::from).into(),
         voxel_to_lps: volume.voxel_to_lps,
+        notes: Vec::new(),
     };
     let kidney = |cell: &f64| {
         let options = MeshOptions { edge_mm: *cell, core_doublings: 0, component: ComponentChoice::Largest, centring: Centring::Origin };
