@@ -179,7 +179,7 @@ pub fn make(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
     progress(Stage::Stuffing);
     let field = |p: DVec3| -beyond(&whole, p);
     let room = DVec3::splat(2.0 * a) + 2.0 * voxel;
-    let sides = |p: DVec3| inner.iter().enumerate().map(|(i, g)| u32::from(g.sample(p) < 0.0) << (i % 32)).sum::<u32>();
+    let sides = |p: DVec3| inner.iter().enumerate().fold(0, |all, (i, g)| all | u32::from(g.sample(p) < 0.0) << (i % 32));
     let stuffer = Stuffer::new(&field, min - room, max + room, a).with_core(options.core_doublings.min(MAX_DOUBLINGS), &sides);
     let target = body.count() as f64 * body.voxel_mm3();
     let keep = if options.component == ComponentChoice::All { Keep::All } else { Keep::Largest };
@@ -408,6 +408,6 @@ fn part(mesh: &TetMesh, body: &Body, index: usize, name: &str) -> PartReport {
         material: material.0,
         tets: tets.len(),
         mask_ml: body.parts.iter().filter(|p| usize::from(**p) == index + 1).count() as f64 * body.voxel_mm3() * 1e-3,
-        mesh_ml: tets.iter().map(|(t, _)| mesh.volume(*t)).sum::<f64>() * 1e6,
+        mesh_ml: tets.iter().fold(0.0, |sum, (t, _)| sum + mesh.volume(*t)) * 1e6,
     }
 }
