@@ -7,7 +7,7 @@ use common::labels;
 use keyhole_imaging::dicom_series::Gaps;
 use keyhole_imaging::phantom::{PhantomSettings, abdomen, sample};
 use keyhole_imaging::{
-    Centring, ComponentChoice, ImagingError, MeshOptions, Selection, dicom_seg, dicom_series, dicom_write, input, pipeline,
+    Centring, ComponentChoice, ImagingError, MeshOptions, Selection, dicom_seg, dicom_series, dicom_write, frame, input, pipeline,
 };
 use keyhole_tetmesh::{Boundary, DVec3};
 
@@ -92,6 +92,18 @@ fn the_kidney_has_the_volume_of_its_functions() {
     assert!(report.closed_manifold && report.euler_characteristic == 2 && report.components == 1);
     assert!(Boundary::of(&mesh).is_closed_manifold());
     assert!(report.min_dihedral_deg >= 10.7 && report.max_dihedral_deg <= 164.8);
+    // Its surface and the tumour's border lie where the functions have them.
+    let boundary = Boundary::of(&mesh);
+    let (mut off, mut most) = (0.0, 0.0_f64);
+    for n in boundary.triangles.iter().flatten() {
+        let p = frame::patient_from_world(mesh.rest(*n));
+        let d = structures[..2].iter().map(|s| s.shape.distance(p)).fold(f64::INFINITY, f64::min).abs();
+        (off, most) = (off + d, most.max(d));
+    }
+    off /= 3.0 * boundary.triangles.len() as f64;
+    // Voxels of 1.5 mm; the crease between kidney and tumour is rounder than in the functions.
+    assert!(off < 0.3 && most < 3.0, "the surface is off by {off}, at most {most} mm");
+    assert!(report.borders[0].faces > 100 && report.borders[0].off.mean_mm < 0.3, "{:?}", report.borders);
     // The tumour: left, anterior, inferior of the kidney's middle, a ball of 30 mm.
     let (mut sum, mut volume) = (DVec3::ZERO, 0.0);
     for (t, _) in mesh.iter().filter(|(t, _)| mesh.tet(*t).material.0 == 1) {
