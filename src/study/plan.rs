@@ -194,9 +194,10 @@ pub fn phantom_kidneys(cells_mm: &[f64]) -> Result<Vec<StudyMesh>, ImagingError>
         parts,
         names: names.map(String::from).into(),
         voxel_to_lps: volume.voxel_to_lps,
+        notes: Vec::new(),
     };
     let kidney = |cell: &f64| {
-        let options = MeshOptions { edge_mm: *cell, component: ComponentChoice::Largest, centring: Centring::Origin };
+        let options = MeshOptions { edge_mm: *cell, core_doublings: 0, component: ComponentChoice::Largest, centring: Centring::Origin };
         let (mesh, _) = pipeline::mesh(labels.clone(), &options, &mut |_| ())?;
         Ok(StudyMesh { name: format!("phantom {} tets", mesh.tet_count()), mesh, is_phantom: true })
     };

@@ -22,15 +22,6 @@ pub enum ComponentChoice {
     Seed(DVec3),
 }
 
-/// What becomes of a component that reaches the border of the volume.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Border {
-    /// An error: a part of the body is missing.
-    Refuse,
-    /// It ends there with a flat face.
-    Close,
-}
-
 /// One component of the labels.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct ComponentReport {
@@ -46,6 +37,8 @@ pub struct ComponentReport {
     pub extent_mm: [f64; 3],
     /// Centre of its box in patient LPS, mm.
     pub centre_lps_mm: [f64; 3],
+    /// Borders of the volume that it reaches: beyond them nothing is known, and it ends there with a flat face.
+    pub at_borders: Vec<&'static str>,
     /// Whether it was chosen for the mesh.
     pub chosen: bool,
 }
@@ -68,12 +61,8 @@ struct Runs {
 /// Keeps the chosen components of a volume, sets every other voxel to nothing and reports all that there were.
 ///
 /// # Errors
-/// [`ImagingError::Empty`], [`ImagingError::NoComponent`], [`ImagingError::Seed`], [`ImagingError::Border`].
-pub fn choose(
-    volume: &mut LabelVolume,
-    choice: ComponentChoice,
-    at_border: Border,
-) -> Result<(Vec<ComponentReport>, VoxelBox), ImagingError> {
+/// [`ImagingError::Empty`], [`ImagingError::NoComponent`], [`ImagingError::Seed`].
+pub fn choose(volume: &mut LabelVolume, choice: ComponentChoice) -> Result<(Vec<ComponentReport>, VoxelBox), ImagingError> {
     let [nx, ny, _] = volume.dims;
     let found = connect(&volume.parts, volume.dims, |v| v != 0);
     if found.count == 0 {
@@ -123,9 +112,6 @@ pub fn choose(
     for &c in &chosen {
         keep[c] = true;
         let s = &stats[c];
-        if at_border == Border::Refuse {
-            check_border(volume, s.bounds)?;
-        }
         let b = all.get_or_insert(s.bounds);
         *b = VoxelBox {
             min: std::array::from_fn(|a| b.min[a].min(s.bounds.min[a])),
@@ -143,7 +129,7 @@ pub fn choose(
         .iter()
         .enumerate()
         .map(|(rank, &c)| {
-            let (s, b) = (&stats[c], stats[c].bounds);
+            let (s, b) = (&stats[c], &stats[c].bounds);
             let centre = DVec3::from_array(std::array::from_fn(|a| (b.min[a] + b.max[a]) as f64 / 2.0));
             ComponentReport {
                 rank,
@@ -152,6 +138,7 @@ pub fn choose(
                 part_ml: s.parts.iter().map(|n| *n as f64 * ml).collect(),
                 extent_mm: std::array::from_fn(|a| (b.max[a] - b.min[a] + 1) as f64 * spacing[a]),
                 centre_lps_mm: volume.voxel_to_lps.transform_point3(centre).to_array(),
+                at_borders: borders_of(volume.dims, *b),
                 chosen: keep[c],
             }
         })
@@ -211,24 +198,14 @@ impl Stats {
     }
 }
 
-/// Refuses a box that reaches the border of the volume: what is beyond is unknown.
-fn check_border(volume: &LabelVolume, b: VoxelBox) -> Result<(), ImagingError> {
+/// The borders of the volume that a box reaches.
+fn borders_of(dims: [usize; 3], b: VoxelBox) -> Vec<&'static str> {
     const SIDES: [[&str; 2]; 3] = [["first x", "last x"], ["first y", "last y"], ["first z", "last z"]];
-    for axis in 0..3 {
-        let at = if b.min[axis] == 0 {
-            Some((0, 0))
-        } else if b.max[axis] + 1 == volume.dims[axis] {
-            Some((1, volume.dims[axis] - 1))
-        } else {
-            None
-        };
-        if let Some((side, index)) = at {
-            let mut voxel = b.min;
-            voxel[axis] = index;
-            return Err(ImagingError::Border { what: volume.names.join(" + "), side: SIDES[axis][side], voxel });
-        }
-    }
-    Ok(())
+    (0..3)
+        .flat_map(|a| [(b.min[a] == 0, SIDES[a][0]), (b.max[a] + 1 == dims[a], SIDES[a][1])])
+        .filter(|(at, _)| *at)
+        .map(|(_, s)| s)
+        .collect()
 }
 
 /// The face-connected components of the voxels that satisfy `inside`, numbered in order of their first voxel.

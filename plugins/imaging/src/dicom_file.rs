@@ -6,10 +6,13 @@ use dicom_core::dictionary::{DataDictionary, DataDictionaryEntry};
 use dicom_core::header::Tag;
 use dicom_dictionary_std::{StandardDataDictionary, tags, uids};
 use dicom_object::{DefaultDicomObject, InMemDicomObject, OpenFileOptions};
+use std::io::Read;
 use std::path::Path;
 
 /// Nesting of sequences beyond which a file is refused: standard objects stay below ten, and the reader recurses.
 const MAX_DEPTH: usize = 32;
+/// A deflate stream cannot expand more than this (258 bytes out of two bits).
+const MAX_EXPANSION: u64 = 1032;
 /// "Undefined length".
 const UNDEFINED: u32 = u32::MAX;
 
@@ -43,48 +46,79 @@ pub(crate) fn parse(path: &Path, bytes: &[u8], read_pixels: Pixels) -> Result<De
     if !is_dicom(bytes) {
         return Err(format("not a DICOM file (no DICM at byte 128): give a DICOM-SEG, a folder of DICOM slices, .nii or .nii.gz".into()));
     }
-    check_lengths(bytes).map_err(format)?;
-    let options = match read_pixels {
-        Pixels::Skip => OpenFileOptions::new().read_until(tags::PIXEL_DATA),
-        Pixels::Read => OpenFileOptions::new(),
-    };
-    options.from_reader(bytes).map_err(|e| {
+    let layout = check_lengths(bytes, 132, None).map_err(format)?;
+    let bad = |e: &dyn std::error::Error| {
         let mut reason = e.to_string();
-        let mut source = std::error::Error::source(&e);
+        let mut source = e.source();
         while let Some(cause) = source {
             reason = format!("{reason}: {cause}");
             source = cause.source();
         }
         format(format!("broken DICOM file: {reason}; export it again"))
-    })
+    };
+    if let Some(from) = layout.deflated_from {
+        let packed = &bytes[from..];
+        let mut inflated = Vec::new();
+        let most = (packed.len() as u64).saturating_mul(MAX_EXPANSION);
+        flate2::read::DeflateDecoder::new(packed).take(most).read_to_end(&mut inflated).map_err(|e| bad(&e))?;
+        check_lengths(&inflated, 0, Some(Layout::default())).map_err(format)?;
+    }
+    let options = match read_pixels {
+        Pixels::Skip => OpenFileOptions::new().read_until(tags::PIXEL_DATA),
+        Pixels::Read => OpenFileOptions::new(),
+    };
+    options.from_reader(bytes).map_err(|e| bad(&e))
 }
 
-/// Walks over all element headers; the first length that leaves the file is an error.
-fn check_lengths(bytes: &[u8]) -> Result<(), String> {
-    let mut at = 132;
+/// How elements are written.
+#[derive(Clone, Copy)]
+struct Layout {
+    explicit: bool,
+    big_endian: bool,
+    /// Where a deflated data set starts.
+    deflated_from: Option<usize>,
+}
+
+impl Default for Layout {
+    fn default() -> Self {
+        Self { explicit: true, big_endian: false, deflated_from: None }
+    }
+}
+
+/// Walks over all element headers from `at` on; the first length that leaves the bytes is an error. Without a layout the bytes start with
+/// the file's meta group, which tells it.
+fn check_lengths(bytes: &[u8], mut at: usize, known: Option<Layout>) -> Result<Layout, String> {
     let mut syntax = String::new();
-    let mut explicit = true;
-    let mut in_meta = true;
+    let mut in_meta = known.is_none();
+    let mut layout = known.unwrap_or_default();
     // Where each open container of defined length ends; `usize::MAX` for undefined ones. Fragments hold bytes, not elements.
     let mut open: Vec<(usize, bool)> = Vec::new();
-    let word = |i: usize| bytes.get(i..i + 2).map(|b| u16::from_le_bytes([b[0], b[1]]));
-    let long = |i: usize| bytes.get(i..i + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     while at < bytes.len() {
         while open.last().is_some_and(|(end, _)| at >= *end) {
             open.pop();
         }
         let short = || format!("the file ends within an element at byte {at}: it is truncated, copy or export it again");
-        let (group, element) = (word(at).ok_or_else(short)?, word(at + 2).ok_or_else(short)?);
-        if in_meta && group != 2 {
+        if in_meta && bytes.get(at..at + 2).ok_or_else(short)? != [2, 0] {
             in_meta = false;
-            explicit = match syntax.as_str() {
-                uids::IMPLICIT_VR_LITTLE_ENDIAN => false,
-                // Not retired in files: refused by name.
-                "1.2.840.10008.1.2.2" => return Err("transfer syntax Explicit VR Big Endian (retired): convert it to little endian".into()),
-                "1.2.840.10008.1.2.1.99" => return Err("transfer syntax Deflated Explicit VR Little Endian: write it undeflated".into()),
-                _ => true,
-            };
+            match syntax.as_str() {
+                uids::IMPLICIT_VR_LITTLE_ENDIAN => layout.explicit = false,
+                // Retired, and still on disks.
+                "1.2.840.10008.1.2.2" => layout.big_endian = true,
+                uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN => {
+                    layout.deflated_from = Some(at);
+                    return Ok(layout);
+                }
+                _ => {}
+            }
         }
+        let (explicit, big) = (layout.explicit, layout.big_endian);
+        let word =
+            |i: usize| bytes.get(i..i + 2).map(|b| [b[0], b[1]]).map(|b| if big { u16::from_be_bytes(b) } else { u16::from_le_bytes(b) });
+        let long = |i: usize| {
+            let four = bytes.get(i..i + 4).map(|b| [b[0], b[1], b[2], b[3]]);
+            four.map(|b| if big { u32::from_be_bytes(b) } else { u32::from_le_bytes(b) })
+        };
+        let (group, element) = (word(at).ok_or_else(short)?, word(at + 2).ok_or_else(short)?);
         if group == 0xfffe {
             let length = long(at + 4).ok_or_else(short)?;
             at += 8;
@@ -137,7 +171,7 @@ fn check_lengths(bytes: &[u8]) -> Result<(), String> {
             at = end;
         }
     }
-    Ok(())
+    Ok(layout)
 }
 
 fn within(bytes: &[u8], at: usize, length: u32) -> Result<usize, String> {

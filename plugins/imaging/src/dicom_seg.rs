@@ -5,6 +5,7 @@
 
 use crate::dicom_file::{self, Elements, Pixels};
 use crate::error::ImagingError;
+use crate::files::InputFile;
 use crate::volume::{LabelChoice, LabelVolume};
 use dicom_dictionary_std::{tags, uids};
 use glam::{DAffine3, DMat3, DVec3};
@@ -34,6 +35,33 @@ pub struct Segment {
 pub fn read_labels(path: &Path, choices: &[LabelChoice]) -> Result<LabelVolume, ImagingError> {
     let bytes = std::fs::read(path).map_err(ImagingError::io(path))?;
     parse(path, &bytes, choices)
+}
+
+/// Whether a DICOM file is a segmentation.
+///
+/// # Errors
+/// Those of broken files.
+pub fn is_segmentation(file: &InputFile) -> Result<bool, ImagingError> {
+    let object = dicom_file::parse(file.name(), &file.read()?, Pixels::Skip)?;
+    Ok(Elements::new(file.name(), &object).text(tags::SOP_CLASS_UID) == uids::SEGMENTATION_STORAGE)
+}
+
+/// The segments of a DICOM file, none when it is no segmentation.
+///
+/// # Errors
+/// Those of broken files.
+pub fn segments_of(file: &InputFile) -> Result<Vec<Segment>, ImagingError> {
+    let object = dicom_file::parse(file.name(), &file.read()?, Pixels::Skip)?;
+    let e = Elements::new(file.name(), &object);
+    if e.text(tags::SOP_CLASS_UID) == uids::SEGMENTATION_STORAGE { segments(&e) } else { Ok(Vec::new()) }
+}
+
+fn segments(e: &Elements) -> Result<Vec<Segment>, ImagingError> {
+    let segment = |item| {
+        let s = Elements::new(e.path, item);
+        Ok(Segment { number: s.count(tags::SEGMENT_NUMBER)? as i64, label: s.text(tags::SEGMENT_LABEL) })
+    };
+    e.items(tags::SEGMENT_SEQUENCE).iter().map(segment).collect()
 }
 
 /// A frame that is wanted.
@@ -69,14 +97,7 @@ pub(crate) fn parse(path: &Path, bytes: &[u8], choices: &[LabelChoice]) -> Resul
         let reason = format!("holds {} bytes; {count} frames of {rows} x {columns} need {needed}: the file is truncated", pixels.len());
         return Err(e.wrong(tags::PIXEL_DATA, reason));
     }
-    let segments: Vec<Segment> = e
-        .items(tags::SEGMENT_SEQUENCE)
-        .iter()
-        .map(|item| {
-            let s = Elements::new(path, item);
-            Ok(Segment { number: s.count(tags::SEGMENT_NUMBER)? as i64, label: s.text(tags::SEGMENT_LABEL) })
-        })
-        .collect::<Result<_, ImagingError>>()?;
+    let segments = segments(&e)?;
     for c in choices {
         if !segments.iter().any(|s| s.number == c.value) {
             let present: Vec<String> = segments.iter().map(|s| format!("{} ({})", s.number, s.label)).collect();
@@ -143,13 +164,20 @@ pub(crate) fn parse(path: &Path, bytes: &[u8], choices: &[LabelChoice]) -> Resul
     }
     // The frames' first corner, brought down to the first slice.
     let corner = frames[0].position;
-    let translation = corner + normal * (base - step * pad as f64 - corner.dot(normal));
+    // With a tilted gantry each slice is shifted against the one before, by this vector for a millimetre along the normal.
+    let by_height = |a: &&Frame, b: &&Frame| a.position.dot(normal).total_cmp(&b.position.dot(normal));
+    let (lowest, highest) = (frames.iter().min_by(by_height), frames.iter().max_by(by_height));
+    let along = lowest.zip(highest).map_or(DVec3::ZERO, |(l, h)| h.position - l.position);
+    let height = along.dot(normal);
+    let tilt = if height > 0.5 * step { along / height - normal } else { DVec3::ZERO };
+    let slant = normal + tilt;
+    let translation = corner + slant * (base - step * pad as f64 - corner.dot(normal));
     let mut parts = vec![0_u8; plane * dims[2]];
     // In the order of the choices, so that the last one asked for has the voxel.
     frames.sort_by_key(|f| (f.part, f.index));
     for f in &frames {
         let slice = ((f.position.dot(normal) - base) / step).round();
-        let off = f.position - (corner + normal * (base + slice * step - corner.dot(normal)));
+        let off = f.position - (corner + slant * (base + slice * step - corner.dot(normal)));
         if off.length() > PLACE_TOLERANCE * step.max(size[0]) {
             let reason = format!("frame {} is {:.3} mm off the grid of the others: resample the segmentation", f.index + 1, off.length());
             return Err(e.wrong(tags::PLANE_POSITION_SEQUENCE, reason));
@@ -166,10 +194,9 @@ pub(crate) fn parse(path: &Path, bytes: &[u8], choices: &[LabelChoice]) -> Resul
             }
         }
     }
-    let matrix3 = DMat3::from_cols(row * size[1], column * size[0], normal * step);
-    let volume = LabelVolume { path: path.into(), dims, parts, names, voxel_to_lps: DAffine3 { matrix3, translation } };
-    volume.check_geometry()?;
-    Ok(volume)
+    let matrix3 = DMat3::from_cols(row * size[1], column * size[0], slant * step);
+    let volume = LabelVolume { path: path.into(), dims, parts, names, voxel_to_lps: DAffine3 { matrix3, translation }, notes: Vec::new() };
+    volume.straight()
 }
 
 /// The lowest height, the distance of slices and their number, from the heights of frames in any order and with any slices left out.

@@ -9,11 +9,27 @@ use rayon::prelude::*;
 /// Squared distance, mm2, from every voxel centre to the nearest centre of a voxel where `seed` holds; infinite when there is none.
 #[must_use]
 pub fn squared_distance(dims: [usize; 3], spacing: DVec3, seed: impl Fn(usize) -> bool + Sync) -> Vec<f32> {
+    along_axes(dims, spacing, &[0, 1, 2], seed)
+}
+
+/// The same along some of the axes only.
+fn along_axes(dims: [usize; 3], spacing: DVec3, axes: &[usize], seed: impl Fn(usize) -> bool + Sync) -> Vec<f32> {
     let mut d: Vec<f32> = (0..dims[0] * dims[1] * dims[2]).into_par_iter().map(|i| if seed(i) { 0.0 } else { f32::INFINITY }).collect();
-    for axis in 0..3 {
+    for &axis in axes {
         along_axis(&mut d, dims, axis, |line, out, scratch| envelope(line, spacing[axis], out, scratch));
     }
     d
+}
+
+/// As [`signed_distance`], but within each plane across `axis` alone: infinite in planes that hold one kind only. Fields of slices that
+/// are joined by interpolating these between them keep what is thin within a slice (S. Raya, J. Udupa, "Shape-based interpolation of
+/// multidimensional objects", IEEE TMI 1990).
+#[must_use]
+pub fn signed_distance_in_planes(dims: [usize; 3], spacing: DVec3, axis: usize, inside: impl Fn(usize) -> bool + Sync) -> Vec<f32> {
+    let axes = [(axis + 1) % 3, (axis + 2) % 3];
+    let out = along_axes(dims, spacing, &axes, &inside);
+    let into = along_axes(dims, spacing, &axes, |i| !inside(i));
+    out.into_par_iter().zip(into).map(|(a, b)| a.sqrt() - b.sqrt()).collect()
 }
 
 /// Signed distance, mm, to the border between voxels where `inside` holds (negative) and others: the distance to the nearest centre of

@@ -41,7 +41,7 @@ pub enum ImagingError {
         /// What was found, what was expected and what to do.
         reason: String,
     },
-    /// A series whose slices are not a regular stack.
+    /// A series whose slices do not make a volume.
     #[error("{path}: {reason}")]
     Irregular {
         /// The slice at fault, or the folder.
@@ -66,19 +66,6 @@ pub enum ImagingError {
         what: String,
         /// Voxels along each axis.
         dims: [usize; 3],
-    },
-    /// A body that is cut off by the border of the volume.
-    #[error(
-        "{what} touches the {side} border of the volume at voxel {voxel:?}, so a part of it is missing: \
-         use a scan that holds all of it, or another --component"
-    )]
-    Border {
-        /// The label or component.
-        what: String,
-        /// Which border.
-        side: &'static str,
-        /// A voxel there.
-        voxel: [usize; 3],
     },
     /// A component that is not there.
     #[error("component {wanted} was asked for, but there are {count}, numbered from 0 by volume: {list}")]
@@ -120,10 +107,8 @@ pub enum ImagingError {
         /// What happened there.
         reason: &'static str,
     },
-    /// Voxel axes that are not perpendicular.
-    #[error(
-        "{path}: the voxel axes are not perpendicular (gantry tilt or shear, {degrees:.2} degrees off): resample the volume onto a straight grid"
-    )]
+    /// Voxel axes that are too far from perpendicular to be resampled.
+    #[error("{path}: the voxel axes are {degrees:.2} degrees off a right angle, more than any tilt of a gantry: repair the header")]
     Sheared {
         /// The file or folder.
         path: PathBuf,

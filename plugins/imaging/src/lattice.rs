@@ -72,10 +72,11 @@ impl Lattice {
         })
     }
 
-    /// All tetrahedra `[c, c', k, k']`: c-c' joins two centres along an axis, k-k' is an edge of the cell face between them.
-    pub fn tets(&self) -> impl Iterator<Item = [Point; 4]> + '_ {
+    /// All tetrahedra `[c, c', k, k']` between cells that are `wanted`: c-c' joins two centres along an axis, k-k' is an edge of the cell
+    /// face between them.
+    pub fn tets<'a>(&'a self, wanted: impl Fn(usize) -> bool + Copy + 'a) -> impl Iterator<Item = [Point; 4]> + 'a {
         let corners = self.corner_count();
-        (corners..self.len()).flat_map(move |c| {
+        (corners..self.len()).filter(move |c| wanted(*c - corners)).flat_map(move |c| {
             let d = self.doubled(c as Point);
             (0..3).flat_map(move |axis| {
                 let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -88,7 +89,7 @@ impl Lattice {
                 };
                 let ring = [(1, 1), (-1, 1), (-1, -1), (1, -1)];
                 (0..4).filter_map(move |i| {
-                    let next = shift(2, 0, 0)?;
+                    let next = shift(2, 0, 0).filter(|n| wanted(*n as usize - corners))?;
                     let (p, q) = (ring[i], ring[(i + 1) % 4]);
                     Some([c as Point, next, shift(1, p.0, p.1)?, shift(1, q.0, q.1)?])
                 })

@@ -1,10 +1,11 @@
-//! Scan to volume mesh: NIfTI and DICOM in, labels, a smooth field, tetrahedra out.
-//!
-//! An offline room: no engine, no schedule.
+#![doc = include_str!("../README.md")]
 
+pub mod cleave;
 pub mod components;
+pub mod contact_sheet;
 pub mod decimate;
 pub mod dicom_file;
+mod dicom_pixels;
 pub mod dicom_seg;
 pub mod dicom_series;
 pub mod dicom_write;
@@ -13,15 +14,19 @@ pub mod distance;
 pub mod drawn;
 pub mod error;
 pub mod field;
+pub mod files;
 pub mod frame;
 pub mod glb;
+mod graded;
 pub mod input;
 mod lattice;
 pub mod nifti_file;
+mod passage;
 pub mod phantom;
 pub mod pipeline;
 mod publish;
 pub mod report;
+pub mod resample;
 mod stencil;
 pub mod stuffing;
 pub mod surface;

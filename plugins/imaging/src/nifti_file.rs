@@ -40,6 +40,16 @@ pub fn read_labels(path: &Path, choices: &[LabelChoice]) -> Result<LabelVolume, 
     }
 }
 
+/// Reads labels from the bytes of a file, gzip or not.
+pub(crate) fn parse_bytes(path: &Path, bytes: &[u8], choices: &[LabelChoice]) -> Result<LabelVolume, ImagingError> {
+    let size = bytes.len() as u64;
+    if bytes.starts_with(&[0x1f, 0x8b]) {
+        parse(path, &mut MultiGzDecoder::new(bytes), size.saturating_mul(MAX_EXPANSION), choices)
+    } else {
+        parse(path, &mut &bytes[..], size, choices)
+    }
+}
+
 /// Reads labels from an uncompressed stream that cannot hold more than `max_bytes`.
 pub(crate) fn parse(path: &Path, stream: &mut impl Read, max_bytes: u64, choices: &[LabelChoice]) -> Result<LabelVolume, ImagingError> {
     let format = |reason: String| ImagingError::Format { path: path.into(), reason };
@@ -83,7 +93,7 @@ pub(crate) fn parse(path: &Path, stream: &mut impl Read, max_bytes: u64, choices
         return Err(ImagingError::Truncated { path: path.into(), found: 0, expected });
     }
     let voxel_to_lps = frame::lps_from_ras(affine(&header));
-    crate::volume::check_geometry(path, &voxel_to_lps)?;
+    crate::volume::check_size(path, &voxel_to_lps)?;
     let slope = if header.scl_slope.is_finite() && header.scl_slope != 0.0 { f64::from(header.scl_slope) } else { 1.0 };
     let inter = if header.scl_inter.is_finite() { f64::from(header.scl_inter) } else { 0.0 };
 
@@ -139,7 +149,8 @@ pub(crate) fn parse(path: &Path, stream: &mut impl Read, max_bytes: u64, choices
             });
         }
     }
-    Ok(LabelVolume { path: path.into(), dims, parts, names: choices.iter().map(|c| c.name.clone()).collect(), voxel_to_lps })
+    let names = choices.iter().map(|c| c.name.clone()).collect();
+    LabelVolume { path: path.into(), dims, parts, names, voxel_to_lps, notes: Vec::new() }.straight()
 }
 
 /// The three spatial dimensions; further ones must be 1.

@@ -1,12 +1,14 @@
 //! From labels to tetrahedra in world metres.
 
-use crate::components::{self, Border, ComponentChoice, ComponentReport};
+use crate::cleave::{Parted, cleave};
+use crate::components::{self, ComponentChoice, ComponentReport};
+use crate::contact_sheet::{self, Outline};
 use crate::error::ImagingError;
 use crate::field::{BLUR_VOXELS, ScalarGrid};
 use crate::frame;
-use crate::report::{MeshReport, PartReport, Seconds};
+use crate::report::{BorderReport, MeshReport, NarrowPlace, PartReport, Seconds};
 use crate::stuffing::{Keep, Stuffed, Stuffer, Unstuffed};
-use crate::surface_distance;
+use crate::surface_distance::{self, Distances};
 use crate::topology;
 use crate::volume::{Body, LabelVolume};
 use glam::DVec3;
@@ -17,8 +19,15 @@ use std::time::Instant;
 const VOLUME_TOLERANCE: f64 = 1e-3;
 /// Steps of that search. Each is one stuffing; the secant needs two or three.
 const VOLUME_STEPS: usize = 6;
+/// The same for a part, whose border is a part of the mesh's cell coarser in proportion, and the steps there.
+const PART_TOLERANCE: f64 = 5e-3;
+const PART_STEPS: usize = 3;
 /// Cells beyond which a lattice is refused: some 2 GB.
 const MAX_CELLS: f64 = 2e7;
+/// Doublings beyond which a core has no room in any organ.
+const MAX_DOUBLINGS: u8 = 6;
+/// Cells within which thin walls count as one place.
+const PLACE_CELLS: f64 = 3.0;
 /// Part of the body that the lattice may tear off before the mesh is refused.
 const MAX_DROPPED: f64 = 0.05;
 
@@ -27,6 +36,8 @@ const MAX_DROPPED: f64 = 0.05;
 pub struct MeshOptions {
     /// Lattice cell, mm.
     pub edge_mm: f64,
+    /// How often the cell may double in the core, away from the surface and from borders between parts; 0 for one cell everywhere.
+    pub core_doublings: u8,
     /// Which component.
     pub component: ComponentChoice,
     /// Whether the mesh is moved so that its box is centred at the origin.
@@ -83,27 +94,56 @@ pub struct Prepared {
 ///
 /// # Errors
 /// Those of [`components::choose`] and [`LabelVolume::check_geometry`].
-pub fn prepare(mut labels: LabelVolume, component: ComponentChoice, border: Border, margin_mm: f64) -> Result<Prepared, ImagingError> {
+pub fn prepare(mut labels: LabelVolume, component: ComponentChoice, margin_mm: f64) -> Result<Prepared, ImagingError> {
     labels.check_geometry()?;
-    let (found, bounds) = components::choose(&mut labels, component, border)?;
+    let (found, bounds) = components::choose(&mut labels, component)?;
     let mut body = labels.crop(bounds, margin_mm);
     drop(labels);
     let holes = components::close_holes(&mut body.parts, body.dims);
     Ok(Prepared { body, found, holes })
 }
 
-/// Meshes the union of all labels as one body; material 0 is the first label, 1 the second.
-///
-/// The tetrahedra of an inner label are those whose centroid lies in its field. `progress` hears of each stage as it begins.
+/// A mesh with what it was made of.
+pub struct Made {
+    /// The mesh, world metres.
+    pub mesh: TetMesh,
+    /// Its figures.
+    pub report: MeshReport,
+    body: Body,
+    parted: Parted,
+}
+
+impl Made {
+    /// The picture of the mesh over its labels.
+    #[must_use]
+    pub fn contact_sheet(&self) -> contact_sheet::Picture {
+        let (boundary, borders) = faces(&self.parted);
+        let borders: Vec<[u32; 3]> = borders.into_iter().map(|(f, _)| f).collect();
+        contact_sheet::draw(&self.body, &Outline { nodes: &self.parted.nodes, boundary: &boundary, borders: &borders })
+    }
+}
+
+/// The mesh of [`make`] with its report.
 ///
 /// # Errors
-/// Empty labels, a body at the border, a cell too large or too small for the body.
+/// As [`make`].
 pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut(Stage)) -> Result<(TetMesh, MeshReport), ImagingError> {
+    make(labels, options, progress).map(|made| (made.mesh, made.report))
+}
+
+/// Meshes the union of all labels as one body; material 0 is the first label, 1 the second.
+///
+/// The border of an inner label is made of faces of the mesh. `progress` hears of each stage as it begins.
+///
+/// # Errors
+/// Empty labels, a cell too large or too small for the body.
+pub fn make(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut(Stage)) -> Result<Made, ImagingError> {
     let a = options.edge_mm;
     if !(a.is_finite() && a > 0.0) {
         return Err(ImagingError::Edge { edge_mm: a, extent_mm: [0.0; 3], reason: "the cell must be a positive length in millimetres" });
     }
     let names = labels.names.clone();
+    let mut notes = labels.notes.clone();
     let voxel = frame::spacing(&labels.voxel_to_lps);
     let mut seconds = Seconds::default();
     let mut clock = Instant::now();
@@ -111,7 +151,14 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
 
     progress(Stage::Labels);
     // The surface moves by less than a voxel; a lattice point outside it is at most a cell away.
-    let Prepared { body, found, holes } = prepare(labels, options.component, Border::Refuse, 2.0 * voxel.max_element())?;
+    let Prepared { body, found, holes } = prepare(labels, options.component, 2.0 * voxel.max_element())?;
+    for c in found.iter().filter(|c| c.chosen && !c.at_borders.is_empty()) {
+        notes.push(format!(
+            "component {} reaches the {} border of the volume and ends there with a flat face: what is beyond is missing",
+            c.rank,
+            c.at_borders.join(" and the ")
+        ));
+    }
     let (min, max) = body.extent_mm().unwrap_or_default();
     let extent = max - min + voxel;
     let cells = ((extent + 4.0 * a) / a).element_product();
@@ -123,14 +170,17 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
 
     progress(Stage::Field);
     let whole = ScalarGrid::of_mask(body.dims, body.spacing, BLUR_VOXELS, |i| body.parts[i] != 0);
-    let inner: Vec<ScalarGrid> =
-        (2..=names.len() as u8).map(|part| ScalarGrid::of_mask(body.dims, body.spacing, BLUR_VOXELS, |i| body.parts[i] == part)).collect();
+    // The border of a part is that of all parts from it on: between two of them there is one border, not two.
+    let inner: Vec<ScalarGrid> = (2..=names.len() as u8)
+        .map(|part| ScalarGrid::of_part(body.dims, body.spacing, BLUR_VOXELS, |i| body.parts[i] != 0, |i| body.parts[i] >= part))
+        .collect();
     seconds.field = lap();
 
     progress(Stage::Stuffing);
     let field = |p: DVec3| -beyond(&whole, p);
     let room = DVec3::splat(2.0 * a) + 2.0 * voxel;
-    let stuffer = Stuffer::new(&field, min - room, max + room, a);
+    let sides = |p: DVec3| inner.iter().enumerate().fold(0, |all, (i, g)| all | u32::from(g.sample(p) < 0.0) << (i % 32));
+    let stuffer = Stuffer::new(&field, min - room, max + room, a).with_core(options.core_doublings.min(MAX_DOUBLINGS), &sides);
     let target = body.count() as f64 * body.voxel_mm3();
     let keep = if options.component == ComponentChoice::All { Keep::All } else { Keep::Largest };
     let (stuffed, level) =
@@ -139,36 +189,36 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
         let place_mm = body.grid_to_lps.transform_point3((min + max) / 2.0).to_array();
         return Err(ImagingError::Unresolved { edge_mm: a, place_mm, reason: "more than a twentieth of the body would be torn off" });
     }
-    let materials: Vec<MaterialId> = stuffed
-        .tets
-        .iter()
-        .map(|t| {
-            let centroid = t.iter().map(|n| stuffed.nodes[*n as usize]).sum::<DVec3>() / 4.0;
-            MaterialId(inner.iter().rposition(|g| g.sample(centroid) < 0.0).map_or(0, |i| i as u16 + 1))
-        })
-        .collect();
+    let mut parted =
+        Parted { materials: vec![0; stuffed.tets.len()], nodes: stuffed.nodes, tets: stuffed.tets, lattice: stuffed.lattice, pinned: 0 };
+    for (i, grid) in inner.iter().enumerate() {
+        let target = body.parts.iter().filter(|p| usize::from(**p) >= i + 2).count() as f64 * body.voxel_mm3();
+        parted = cleave_to_volume(&parted, grid, i as u16 + 1, target);
+    }
+    let materials: Vec<MaterialId> = parted.materials.iter().map(|m| MaterialId(*m)).collect();
     seconds.stuffing = lap();
 
     progress(Stage::Figures);
-    let triangles = topology::boundary(&stuffed.tets);
-    let surface_distance = surface_distance::between(&body, &stuffed.nodes, &triangles);
-    let mut nodes: Vec<DVec3> = stuffed.nodes.iter().map(|p| frame::world_from_patient(body.grid_to_lps.transform_point3(*p))).collect();
+    let triangles = topology::boundary(&parted.tets);
+    let surface_distance = surface_distance::between(&body, &parted.nodes, &triangles);
+    let mut nodes: Vec<DVec3> = parted.nodes.iter().map(|p| frame::world_from_patient(body.grid_to_lps.transform_point3(*p))).collect();
     let bounds = |nodes: &[DVec3]| {
         (nodes.iter().copied().fold(DVec3::INFINITY, DVec3::min), nodes.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max))
     };
     let (low, high) = bounds(&nodes);
     let centre = if options.centring == Centring::Origin { (low + high) / 2.0 } else { DVec3::ZERO };
     nodes.iter_mut().for_each(|p| *p -= centre);
-    let mesh = TetMesh::new(nodes, &stuffed.tets, &materials);
+    let mesh = TetMesh::new(nodes, &parted.tets, &materials);
     let boundary = Boundary::of(&mesh);
     let q = quality::quality(&mesh);
     let mesh_mm3 = mesh.total_volume() * 1e9;
     let parts = names.iter().enumerate().map(|(i, name)| part(&mesh, &body, i, name)).collect();
-    let (_, components) = topology::bodies(&stuffed.tets);
+    let (_, components) = topology::bodies(&parted.tets);
     let euler_characteristic = boundary.euler_characteristic();
     let closed_manifold = boundary.is_closed_manifold();
     seconds.figures = lap();
     let report = MeshReport {
+        notes,
         found,
         holes_filled: holes.0,
         hole_voxels: holes.1,
@@ -191,13 +241,105 @@ pub fn mesh(labels: LabelVolume, options: &MeshOptions, progress: &mut dyn FnMut
         voids_filled_ml: stuffed.filled_volume * 1e-3,
         euler_characteristic,
         closed_manifold,
+        cavities_opened: stuffed.opened,
         unpinched: stuffed.unpinched,
+        narrow: narrow_places(&stuffed.narrow, PLACE_CELLS * a, |p| body.grid_to_lps.transform_point3(p)),
+        borders: borders(&inner, &parted),
         min_m: (low - centre).to_array(),
         max_m: (high - centre).to_array(),
         centre_m: centre.to_array(),
         seconds,
     };
-    Ok((mesh, report))
+    Ok(Made { mesh, report, body, parted })
+}
+
+/// Cuts a part out at the level at which it has the volume `target`, mm3, as [`stuff_to_volume`] does.
+fn cleave_to_volume(mesh: &Parted, grid: &ScalarGrid, part: u16, target: f64) -> Parted {
+    let at = |level: f64| {
+        let mut cut = mesh.clone();
+        cleave(&mut cut, &|p| level - grid.sample(p), part);
+        let of_part = cut.tets.iter().zip(&cut.materials).filter(|(_, m)| **m >= part);
+        let volume: f64 = of_part.map(|(t, _)| quality::volume(t.map(|n| cut.nodes[n as usize]))).sum();
+        (cut, volume - target)
+    };
+    let (mut best, mut error) = at(0.0);
+    if target == 0.0 {
+        return best;
+    }
+    // A ball's surface stands for the border's.
+    let area = (36.0 * std::f64::consts::PI * target * target).cbrt();
+    let mut level = 0.0;
+    for _ in 0..PART_STEPS {
+        if error.abs() < PART_TOLERANCE * target {
+            break;
+        }
+        level -= error / area;
+        let (next, next_error) = at(level);
+        if next_error.abs() >= error.abs() {
+            break;
+        }
+        (best, error) = (next, next_error);
+    }
+    best
+}
+
+/// The boundary's triangles, each with the material behind it, and the triangles between materials, each with both.
+fn faces(mesh: &Parted) -> (Vec<([u32; 3], u16)>, Vec<([u32; 3], [u16; 2])>) {
+    let mut all: Vec<([u32; 3], [u32; 3], u16)> = Vec::with_capacity(4 * mesh.tets.len());
+    for (t, m) in mesh.tets.iter().zip(&mesh.materials) {
+        for f in keyhole_tetmesh::FACES {
+            let face = f.map(|c| t[c]);
+            let mut key = face;
+            key.sort_unstable();
+            all.push((key, face, *m));
+        }
+    }
+    all.sort_unstable();
+    let (mut boundary, mut borders) = (Vec::new(), Vec::new());
+    for same in all.chunk_by(|a, b| a.0 == b.0) {
+        match same {
+            [(_, face, m)] => boundary.push((*face, *m)),
+            [(key, _, m), (_, _, n)] if m != n => borders.push((*key, [*m, *n])),
+            _ => {}
+        }
+    }
+    (boundary, borders)
+}
+
+/// How far the faces between materials are from the fields' borders, part by part.
+fn borders(inner: &[ScalarGrid], mesh: &Parted) -> Vec<BorderReport> {
+    let (_, shared) = faces(mesh);
+    inner
+        .iter()
+        .enumerate()
+        .map(|(i, grid)| {
+            let part = i as u16 + 1;
+            let of_border = shared.iter().filter(|(_, m)| (m[0] >= part) != (m[1] >= part));
+            let mut off: Vec<f64> = of_border
+                .flat_map(|(f, _)| {
+                    let p = f.map(|n| mesh.nodes[n as usize]);
+                    [p[0], p[1], p[2], (p[0] + p[1] + p[2]) / 3.0]
+                })
+                // The field is a difference of two distances: beyond the body it grows twice as fast as one.
+                .map(|p| grid.sample(p).abs())
+                .collect();
+            off.sort_unstable_by(f64::total_cmp);
+            BorderReport { material: part, faces: off.len() / 4, off: Distances::of(&off) }
+        })
+        .collect()
+}
+
+/// Points within `reach` of the first of them as one place, the places with most points first.
+fn narrow_places(points: &[DVec3], reach: f64, to_lps: impl Fn(DVec3) -> DVec3) -> Vec<NarrowPlace> {
+    let mut places: Vec<(DVec3, usize)> = Vec::new();
+    for p in points {
+        match places.iter_mut().find(|(q, _)| q.distance(*p) < reach) {
+            Some((_, n)) => *n += 1,
+            None => places.push((*p, 1)),
+        }
+    }
+    places.sort_by_key(|p| std::cmp::Reverse(p.1));
+    places.into_iter().map(|(p, points)| NarrowPlace { at_lps_mm: to_lps(p).to_array(), points }).collect()
 }
 
 /// The field of a grid, growing with the distance from the grid beyond it.
@@ -266,6 +408,6 @@ fn part(mesh: &TetMesh, body: &Body, index: usize, name: &str) -> PartReport {
         material: material.0,
         tets: tets.len(),
         mask_ml: body.parts.iter().filter(|p| usize::from(**p) == index + 1).count() as f64 * body.voxel_mm3() * 1e-3,
-        mesh_ml: tets.iter().map(|(t, _)| mesh.volume(*t)).sum::<f64>() * 1e6,
+        mesh_ml: tets.iter().fold(0.0, |sum, (t, _)| sum + mesh.volume(*t)) * 1e6,
     }
 }

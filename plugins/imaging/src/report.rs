@@ -1,7 +1,7 @@
 //! What is told about a mesh that was made: the figures that say whether it can be trusted.
 
 use crate::components::ComponentReport;
-use crate::surface_distance::SurfaceDistance;
+use crate::surface_distance::{Distances, SurfaceDistance};
 use std::fmt;
 
 /// Seconds spent in each stage.
@@ -32,9 +32,31 @@ pub struct PartReport {
     pub mesh_ml: f64,
 }
 
+/// The faces of the mesh between a part and what is around it.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct BorderReport {
+    /// Material of the part.
+    pub material: u16,
+    /// Triangles of the border.
+    pub faces: usize,
+    /// Distance of their corners and middles from the border of the smoothed labels, mm.
+    pub off: Distances,
+}
+
+/// A place where walls or gaps are about as thin as a cell.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub struct NarrowPlace {
+    /// Where, patient LPS, mm.
+    pub at_lps_mm: [f64; 3],
+    /// Lattice points there that gave way.
+    pub points: usize,
+}
+
 /// Quality figures of a volume mesh.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct MeshReport {
+    /// What the reader of the scan has to say: what was left out, filled in or resampled.
+    pub notes: Vec<String>,
     /// Components of the labels before the choice, largest first.
     pub found: Vec<ComponentReport>,
     /// Enclosed holes of the mask that were filled.
@@ -69,12 +91,15 @@ pub struct MeshReport {
     pub surface_distance: SurfaceDistance,
     /// The parts.
     pub parts: Vec<PartReport>,
+    /// The borders between parts.
+    pub borders: Vec<BorderReport>,
     /// Separate bodies of the mesh.
     pub components: usize,
     /// Volume of bodies that only the lattice tore off and that were dropped, ml.
     pub dropped_ml: f64,
-    /// Volume of cavities that were open in the mask only through channels thinner than a voxel or a cell, and were filled, ml. Their
-    /// walls count in the surface distance.
+    /// Cavities open in the mask only through channels that the lattice closed, and that were opened again.
+    pub cavities_opened: usize,
+    /// Volume of such cavities that were too small or too far inside, and were filled, ml. Their walls count in the surface distance.
     pub voids_filled_ml: f64,
     /// Euler characteristic of the boundary: 2 a closed surface without handles.
     pub euler_characteristic: i64,
@@ -82,6 +107,8 @@ pub struct MeshReport {
     pub closed_manifold: bool,
     /// Lattice points kept off the surface, for two sheets would have met there.
     pub unpinched: usize,
+    /// Thin walls, narrow gaps and near-touching sheets: a smaller cell resolves them. The widest first.
+    pub narrow: Vec<NarrowPlace>,
     /// Smallest corner of the mesh's box, world metres.
     pub min_m: [f64; 3],
     /// Largest corner of the mesh's box, world metres.
@@ -94,6 +121,9 @@ pub struct MeshReport {
 
 impl fmt::Display for MeshReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for note in &self.notes {
+            writeln!(f, "note: {note}")?;
+        }
         writeln!(f, "components of the labels: {}", self.found.len())?;
         for c in self.found.iter().take(6) {
             let mark = if c.chosen { " <- meshed" } else { "" };
@@ -112,6 +142,14 @@ impl fmt::Display for MeshReport {
         for p in &self.parts {
             writeln!(f, "  material {} {}: {} tets, {:.2} ml (mask {:.2} ml)", p.material, p.name, p.tets, p.mesh_ml, p.mask_ml)?;
         }
+        for b in self.borders.iter().filter(|b| b.faces > 0) {
+            let (m, d) = (b.material, b.off);
+            writeln!(
+                f,
+                "  border of material {m}: {} faces, off by mean {:.3}, 95 % {:.3}, max {:.3} mm",
+                b.faces, d.mean_mm, d.p95_mm, d.max_mm
+            )?;
+        }
         writeln!(
             f,
             "dihedral angles: min {:.2}, 1st percentile {:.2}, median {:.2}, max {:.2} degrees; mean edge ratio {:.3}",
@@ -126,8 +164,22 @@ impl fmt::Display for MeshReport {
         if self.dropped_ml > 0.0 {
             writeln!(f, "dropped: {:.3} ml that the lattice tore off", self.dropped_ml)?;
         }
+        if self.cavities_opened > 0 {
+            writeln!(f, "opened: {} cavities whose channels the lattice had closed", self.cavities_opened)?;
+        }
         if self.voids_filled_ml > 0.0 {
             writeln!(f, "filled: {:.3} ml of cavities whose channels the lattice does not resolve", self.voids_filled_ml)?;
+        }
+        for n in self.narrow.iter().take(4) {
+            let [l, p, s] = n.at_lps_mm;
+            writeln!(
+                f,
+                "thin: a wall or a gap about as thin as a cell around LPS ({l:.0}, {p:.0}, {s:.0}) mm, {} lattice point(s)",
+                n.points
+            )?;
+        }
+        if self.narrow.len() > 4 {
+            writeln!(f, "  and at {} more places; a smaller cell resolves them", self.narrow.len() - 4)?;
         }
         let s = self.seconds;
         write!(f, "seconds: labels {:.2}, field {:.2}, stuffing {:.2}, figures {:.2}", s.labels, s.field, s.stuffing, s.figures)

@@ -15,8 +15,15 @@ pub(crate) enum Vertex {
 use Vertex::{Corner, Cut};
 
 /// Calls `emit` for every tetrahedron that is kept. Orientation is not determined. `from_first(p, q, n)` tells, for a face with `p` and
-/// `q` inside and `n` outside, whether the diagonal starts at `p` (and ends at the cut point of `q`-`n`).
-pub(crate) fn keep(signs: [i8; 4], from_first: impl Fn(usize, usize, usize) -> bool, mut emit: impl FnMut([Vertex; 4])) {
+/// `q` inside and `n` outside, whether the diagonal starts at `p` (and ends at the cut point of `q`-`n`). `between` tells, where two corners
+/// are inside and two outside, whether the quadrilateral between them has the diagonal from the first inside's cut to the first outside
+/// to the second's to the second; without it the stencil takes one that its faces allow.
+pub(crate) fn keep(
+    signs: [i8; 4],
+    from_first: impl Fn(usize, usize, usize) -> bool,
+    between: Option<bool>,
+    mut emit: impl FnMut([Vertex; 4]),
+) {
     let mut inside = [0; 4];
     let mut on = [0; 4];
     let mut outside = [0; 4];
@@ -49,7 +56,7 @@ pub(crate) fn keep(signs: [i8; 4], from_first: impl Fn(usize, usize, usize) -> b
             let ([p, q], [m, n]) = ([inside[0], inside[1]], [outside[0], outside[1]]);
             let (dm, dn) = (from_first(p, q, m), from_first(p, q, n));
             // The quadrilateral on the surface is this tetrahedron's own: it takes the diagonal that the two others leave possible.
-            prism([Corner(p), Cut(p, m), Cut(p, n)], [Corner(q), Cut(q, m), Cut(q, n)], [dm, !dm, !dn], emit);
+            prism([Corner(p), Cut(p, m), Cut(p, n)], [Corner(q), Cut(q, m), Cut(q, n)], [dm, between.unwrap_or(!dm), !dn], emit);
         }
         _ => {
             let ([p, q, r], n) = ([inside[0], inside[1], inside[2]], outside[0]);

@@ -4,15 +4,20 @@
 //! close to a cut point move onto it, the other edges are cut, and a stencil keeps what is inside. With the thresholds below and
 //! the parity rule every dihedral angle lies in [10.7, 164.8] degrees whatever the field is (their theorem for the uniform lattice).
 //!
-//! Added to the paper: a point on the surface where two sheets meet is not moved, so that the boundary is a closed 2-manifold; enclosed
-//! voids are filled; bodies that only the lattice tore off are dropped and counted.
+//! The core may be coarser ([`Stuffer::with_core`]).
+//!
+//! Added to the paper: a point on the surface where two sheets meet is not moved, so that the boundary is a closed 2-manifold; cavities that
+//! the lattice closed are opened again where the wall is thinnest, and filled where it is thick; bodies that only the lattice tore off are
+//! dropped and counted.
 
+use crate::graded::Leaves;
 use crate::lattice::{Lattice, Point};
+use crate::passage;
 use crate::stencil::{self, Vertex};
 use crate::topology;
 use glam::DVec3;
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 use std::collections::BTreeMap;
 
 /// A long edge's end moves when the cut point is closer than this part of the edge (Labelle and Shewchuk 2007, table 1).
@@ -21,6 +26,8 @@ pub const ALPHA_LONG: f64 = 0.249_99;
 pub const ALPHA_SHORT: f64 = 0.411_89;
 /// The proved interval of dihedral angles, degrees, to the digits published.
 pub const PROVED_DEGREES: [f64; 2] = [10.7, 164.8];
+/// Part of an edge that a passage takes at its own end.
+const PASSAGE: f64 = 0.42;
 /// Rounds of putting pinched points back. Each round fixes at least one point; scans need one or two.
 const ROUNDS: usize = 64;
 /// Steps of the search for a cut point: the Illinois method gains more than a digit a step.
@@ -45,12 +52,33 @@ pub struct Stuffed {
     pub nodes: Vec<DVec3>,
     /// Positive tetrahedra.
     pub tets: Vec<[u32; 4]>,
+    /// Twice the coordinates in the lattice, in cells, of nodes that are points of it.
+    pub lattice: Vec<Option<[i32; 3]>>,
     /// Volume of separate bodies that were dropped.
     pub dropped_volume: f64,
     /// Volume of enclosed voids that were filled.
     pub filled_volume: f64,
+    /// Cavities that the lattice had closed and that were opened again.
+    pub opened: usize,
     /// Lattice points that were not moved to the surface because two sheets would have met there.
     pub unpinched: usize,
+    /// Where those are, and where cavities were opened or filled: walls and gaps that the lattice hardly resolves.
+    pub narrow: Vec<DVec3>,
+}
+
+/// What becomes of cavities that the lattice closed.
+#[derive(Clone, Copy, PartialEq)]
+enum Voids {
+    Open,
+    Fill,
+}
+
+/// Signs of the lattice points, and those that stay where they are.
+struct Signs {
+    signs: Vec<i8>,
+    settled: BTreeMap<Point, i8>,
+    opened: usize,
+    filled: usize,
 }
 
 /// Why a field could not be stuffed.
@@ -69,7 +97,12 @@ pub struct Stuffer<'f> {
     field: Field<'f>,
     lattice: Lattice,
     values: Vec<f64>,
+    /// Doublings of the cell in the core, and what tells the sides of surfaces within the body apart.
+    core: Option<(u8, Classes<'f>)>,
 }
+
+/// A number for each point within a body that differs on the two sides of every surface in it.
+pub type Classes<'f> = &'f (dyn Fn(DVec3) -> u32 + Sync);
 
 impl<'f> Stuffer<'f> {
     /// Samples a field on a lattice of cells of size `a` around the box, which must hold the body with a cell to spare.
@@ -77,7 +110,14 @@ impl<'f> Stuffer<'f> {
     pub fn new(field: Field<'f>, min: DVec3, max: DVec3, a: f64) -> Self {
         let lattice = Lattice::around(min, max, a);
         let values = (0..lattice.len() as Point).into_par_iter().map(|p| field(lattice.position(p))).collect();
-        Self { field, lattice, values }
+        Self { field, lattice, values, core: None }
+    }
+
+    /// Lets the cells double up to `levels` times away from the surface and from where `classes` differ.
+    #[must_use]
+    pub fn with_core(mut self, levels: u8, classes: Classes<'f>) -> Self {
+        self.core = (levels > 0).then_some((levels, classes));
+        self
     }
 
     /// Fills the region where `field + level` is positive.
@@ -85,18 +125,32 @@ impl<'f> Stuffer<'f> {
     /// # Errors
     /// When the lattice does not resolve the region.
     pub fn stuff(&self, level: f64, keep: Keep) -> Result<Stuffed, Unstuffed> {
-        let (signs, mut settled) = self.signs(level)?;
+        match self.stuff_with(level, keep, Voids::Open) {
+            // A passage that pinches the surface elsewhere does more harm than a filled cavity.
+            Err(Unstuffed::Pinched(_)) => self.stuff_with(level, keep, Voids::Fill),
+            done => done,
+        }
+    }
+
+    fn stuff_with(&self, level: f64, keep: Keep, voids: Voids) -> Result<Stuffed, Unstuffed> {
+        let Signs { signs, mut settled, opened, filled } = self.signs(level, voids)?;
         let mut unpinched = 0;
         // A lattice point stands for half a cell.
-        let filled_volume = settled.len() as f64 * self.lattice.a.powi(3) / 2.0;
+        let filled_volume = filled as f64 * self.lattice.a.powi(3) / 2.0;
         for _ in 0..ROUNDS {
             let raw = self.cut_and_warp(level, signs.clone(), &settled);
-            let (mut mesh, points) = raw.into_mesh(&self.lattice);
+            let (levels, classes): (u8, Classes) = self.core.unwrap_or((0, &|_| 0));
+            let inside = |p: Point| raw.signs[p as usize] > 0 && !raw.moved.contains_key(&p);
+            let leaves = Leaves::new(&self.lattice, levels, inside, |p| classes(self.lattice.position(p)));
+            let (mut mesh, points) = raw.into_mesh(&self.lattice, &leaves);
             let points = drop_small(&mut mesh, points, keep);
             let pinched = topology::pinched(&mesh.nodes, &mesh.tets);
             if pinched.is_empty() {
                 mesh.unpinched = unpinched;
                 mesh.filled_volume = filled_volume;
+                mesh.opened = opened;
+                mesh.narrow = settled.keys().map(|p| self.lattice.position(*p)).collect();
+                mesh.lattice = points.iter().map(|p| p.map(|p| self.lattice.doubled(p))).collect();
                 return if mesh.tets.is_empty() { Err(Unstuffed::Nothing) } else { Ok(mesh) };
             }
             let before = settled.len();
@@ -115,8 +169,9 @@ impl<'f> Stuffer<'f> {
         Err(Unstuffed::Pinched(self.lattice.origin))
     }
 
-    /// The signs of the lattice points, voids filled. The points that were filled are settled: they stay where they are.
-    fn signs(&self, level: f64) -> Result<(Vec<i8>, BTreeMap<Point, i8>), Unstuffed> {
+    /// The signs of the lattice points; cavities are opened or filled, and the points that does it with are settled: they stay where they
+    /// are.
+    fn signs(&self, level: f64, voids: Voids) -> Result<Signs, Unstuffed> {
         let mut signs: Vec<i8> = self.values.iter().map(|v| sign(v + level)).collect();
         if signs.iter().all(|s| *s <= 0) {
             return Err(Unstuffed::Nothing);
@@ -132,6 +187,47 @@ impl<'f> Stuffer<'f> {
                 stack.push(p);
             }
         }
+        self.flood(&signs, &mut reached, stack);
+        let mut out = Signs { signs: Vec::new(), settled: BTreeMap::new(), opened: 0, filled: 0 };
+        for p in 0..signs.len() {
+            if signs[p] >= 0 || reached[p] {
+                continue;
+            }
+            let mut void = vec![p as Point];
+            let mut seen: FxHashSet<Point> = void.iter().copied().collect();
+            let mut next = 0;
+            while next < void.len() {
+                let near: Vec<Point> = self.lattice.neighbours(void[next]).map(|(n, _)| n).filter(|n| signs[*n as usize] < 0).collect();
+                void.extend(near.into_iter().filter(|n| seen.insert(*n)));
+                next += 1;
+            }
+            let passage = match voids {
+                Voids::Open => passage::through_wall(&self.lattice, &void, &reached, |p| (self.field)(p) + level),
+                Voids::Fill => None,
+            };
+            if let Some(wall) = passage {
+                for p in wall {
+                    signs[p as usize] = -1;
+                    reached[p as usize] = true;
+                    out.settled.insert(p, -1);
+                }
+                void.iter().for_each(|p| reached[*p as usize] = true);
+                self.flood(&signs, &mut reached, void);
+                out.opened += 1;
+            } else {
+                out.filled += void.len();
+                for p in void {
+                    signs[p as usize] = 1;
+                    out.settled.insert(p, 1);
+                }
+            }
+        }
+        out.signs = signs;
+        Ok(out)
+    }
+
+    /// Marks all outside points that hang together with those of the stack.
+    fn flood(&self, signs: &[i8], reached: &mut [bool], mut stack: Vec<Point>) {
         while let Some(p) = stack.pop() {
             for (n, _) in self.lattice.neighbours(p) {
                 if signs[n as usize] < 0 && !reached[n as usize] {
@@ -140,14 +236,6 @@ impl<'f> Stuffer<'f> {
                 }
             }
         }
-        let mut settled = BTreeMap::new();
-        for p in 0..signs.len() {
-            if signs[p] < 0 && !reached[p] {
-                signs[p] = 1;
-                settled.insert(p as Point, 1);
-            }
-        }
-        Ok((signs, settled))
     }
 
     fn cut_and_warp(&self, level: f64, mut signs: Vec<i8>, settled: &BTreeMap<Point, i8>) -> Cut {
@@ -164,6 +252,10 @@ impl<'f> Stuffer<'f> {
         let cuts: Vec<f64> = edges
             .par_iter()
             .map(|&(p, n)| {
+                if settled.get(&n) == Some(&-1) && !settled.contains_key(&p) {
+                    // A passage is no wider than it must be for its points not to be drawn onto the surface.
+                    return 1.0 - PASSAGE;
+                }
                 if settled.contains_key(&p) || settled.contains_key(&n) {
                     return 0.5;
                 }
@@ -213,18 +305,18 @@ struct Cut {
 
 impl Cut {
     /// The kept tetrahedra, and the lattice point of each node that is one.
-    fn into_mesh(self, lattice: &Lattice) -> (Stuffed, Vec<Option<Point>>) {
+    fn into_mesh(self, lattice: &Lattice, leaves: &Leaves) -> (Stuffed, Vec<Option<Point>>) {
         let mut mesh = Stuffed::default();
         let mut points = Vec::new();
         let mut node_of_point: Vec<u32> = vec![u32::MAX; self.signs.len()];
         let mut node_of_cut: Vec<u32> = vec![u32::MAX; self.edges.len()];
-        for tet in lattice.tets() {
+        for tet in lattice.tets(|cell| leaves.is_fine(cell)).chain(leaves.tets(lattice)) {
             let signs = tet.map(|p| self.signs[p as usize]);
             if signs.iter().all(|s| *s <= 0) {
                 continue;
             }
             let diagonal = |p: usize, q: usize, n: usize| diagonal_from_first(lattice, tet, p, q, n);
-            stencil::keep(signs, diagonal, |kept| {
+            stencil::keep(signs, diagonal, None, |kept| {
                 let mut nodes = kept.map(|v| {
                     let (slot, point) = match v {
                         Vertex::Corner(c) => (&mut node_of_point[tet[c] as usize], Some(tet[c])),
@@ -271,7 +363,7 @@ fn diagonal_from_first(lattice: &Lattice, tet: [Point; 4], p: usize, q: usize, n
 }
 
 /// Zero of a function of the way from 0 (positive) to 1 (negative): Illinois' false position.
-fn root(f: impl Fn(f64) -> f64, at_zero: f64, at_one: f64) -> f64 {
+pub(crate) fn root(f: impl Fn(f64) -> f64, at_zero: f64, at_one: f64) -> f64 {
     let (mut t0, mut f0, mut t1, mut f1) = (0.0, at_zero, 1.0, at_one);
     let mut side = 0;
     for _ in 0..CUT_STEPS {

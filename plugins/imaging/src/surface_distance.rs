@@ -15,6 +15,17 @@ pub struct Distances {
     pub max_mm: f64,
 }
 
+impl Distances {
+    /// Of distances in ascending order, mm; zero when there are none.
+    pub(crate) fn of(sorted: &[f64]) -> Self {
+        let n = sorted.len();
+        if n == 0 {
+            return Self::default();
+        }
+        Self { mean_mm: sorted.iter().sum::<f64>() / n as f64, p95_mm: sorted[(n - 1) * 95 / 100], max_mm: sorted[n - 1] }
+    }
+}
+
 /// The distances both ways. A cleft of the mask that is too narrow for the mesh shows in `mask_to_mesh` alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct SurfaceDistance {
@@ -52,7 +63,7 @@ pub fn between(body: &Body, nodes: &[DVec3], triangles: &[[u32; 3]]) -> SurfaceD
     let back: Vec<f64> = faces.par_iter().map(|f| (f.0 + f.1) / 2.0).map(|p| to_mesh.nearest(p, |i| of_triangle(i, p))).collect();
     let [mesh_to_mask, mask_to_mesh] = [forth, back].map(|mut d| {
         d.sort_unstable_by(f64::total_cmp);
-        Distances { mean_mm: d.iter().sum::<f64>() / d.len() as f64, p95_mm: d[(d.len() - 1) * 95 / 100], max_mm: d[d.len() - 1] }
+        Distances::of(&d)
     });
     let both = Distances {
         mean_mm: (mesh_to_mask.mean_mm + mask_to_mesh.mean_mm) / 2.0,

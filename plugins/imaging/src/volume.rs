@@ -9,6 +9,11 @@ use std::path::{Path, PathBuf};
 /// tilt in use is far above.
 const SHEAR_DEGREES: f64 = 0.1;
 
+/// Shear up to which a volume is resampled, degrees: no gantry tilts more.
+const MAX_SHEAR_DEGREES: f64 = 60.0;
+/// Voxels that resampling may make of one.
+const MAX_GROWTH: usize = 8;
+
 /// Voxel sizes of scans of people, mm: from micro-CT to scouts. Others are a wrong unit or a damaged header.
 const VOXEL_MM: [f64; 2] = [1e-3, 1e2];
 /// Longest voxel axis over the shortest: beyond it the margin around a body would outgrow the scan.
@@ -39,6 +44,8 @@ pub struct LabelVolume {
     pub names: Vec<String>,
     /// From voxel indices (centres at integers) to patient LPS, mm.
     pub voxel_to_lps: DAffine3,
+    /// What a reader should know: what was left out, filled in or resampled.
+    pub notes: Vec<String>,
 }
 
 /// A part of a volume on a straight right-handed grid.
@@ -71,6 +78,23 @@ impl LabelVolume {
     /// [`ImagingError::Sheared`], [`ImagingError::Format`].
     pub fn check_geometry(&self) -> Result<(), ImagingError> {
         check_geometry(&self.path, &self.voxel_to_lps)
+    }
+
+    /// The volume on perpendicular axes: as it is, or resampled.
+    ///
+    /// # Errors
+    /// [`ImagingError::Sheared`] for axes that nearly fall together, [`ImagingError::Format`].
+    pub fn straight(self) -> Result<Self, ImagingError> {
+        match self.check_geometry() {
+            Err(ImagingError::Sheared { path, degrees }) => {
+                let most = self.dims.iter().product::<usize>().saturating_mul(MAX_GROWTH);
+                let straight = (degrees <= MAX_SHEAR_DEGREES).then(|| crate::resample::straighten_labels(&self, most)).flatten();
+                let straight = straight.ok_or(ImagingError::Sheared { path, degrees })?;
+                straight.check_geometry()?;
+                Ok(straight)
+            }
+            done => done.map(|()| self),
+        }
     }
 
     /// The box of all voxels that have a part, `None` when there are none.
@@ -155,8 +179,8 @@ impl Body {
     }
 }
 
-/// Refuses sheared axes, voxels without size and positions that are not finite.
-pub(crate) fn check_geometry(path: &Path, voxel_to_lps: &DAffine3) -> Result<(), ImagingError> {
+/// Refuses voxels without size and positions that are not finite.
+pub(crate) fn check_size(path: &Path, voxel_to_lps: &DAffine3) -> Result<(), ImagingError> {
     let spacing = frame::spacing(voxel_to_lps);
     let plausible = spacing.min_element() >= VOXEL_MM[0] && spacing.max_element() <= VOXEL_MM[1];
     if !voxel_to_lps.is_finite() || !plausible || spacing.max_element() > MAX_ANISOTROPY * spacing.min_element() {
@@ -166,6 +190,12 @@ pub(crate) fn check_geometry(path: &Path, voxel_to_lps: &DAffine3) -> Result<(),
         );
         return Err(ImagingError::Format { path: path.into(), reason });
     }
+    Ok(())
+}
+
+/// Refuses sheared axes too.
+pub(crate) fn check_geometry(path: &Path, voxel_to_lps: &DAffine3) -> Result<(), ImagingError> {
+    check_size(path, voxel_to_lps)?;
     let degrees = frame::shear_degrees(voxel_to_lps);
     if degrees > SHEAR_DEGREES {
         return Err(ImagingError::Sheared { path: path.into(), degrees });

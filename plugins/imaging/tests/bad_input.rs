@@ -2,10 +2,13 @@
 #![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
 mod common;
+#[path = "common/ct.rs"]
+mod ct;
 #[path = "common/nifti.rs"]
 mod nifti_bytes;
 
 use common::labels;
+use keyhole_imaging::dicom_series::Gaps;
 use keyhole_imaging::phantom::{PhantomSettings, sample};
 use keyhole_imaging::{
     Centring, ComponentChoice, ImagingError, LabelVolume, MeshOptions, Selection, dicom_series, dicom_write, input, pipeline,
@@ -53,7 +56,7 @@ fn read(bytes: &[u8], choices: &[(&str, i64)]) -> Result<LabelVolume, ImagingErr
 }
 
 fn mesh(volume: LabelVolume, component: ComponentChoice, edge_mm: f64) -> Result<(), ImagingError> {
-    let options = MeshOptions { edge_mm, component, centring: Centring::Origin };
+    let options = MeshOptions { edge_mm, core_doublings: 0, component, centring: Centring::Origin };
     pipeline::mesh(volume, &options, &mut |_| {}).map(|_| ())
 }
 
@@ -70,13 +73,19 @@ fn a_valid_volume_is_meshed_and_each_mistake_is_named() {
     assert!(matches!(mesh(good, outside, 3.0), Err(ImagingError::Seed { .. })));
 
     let border = read(&valid(), &[("organ", 3)]).unwrap();
-    assert!(matches!(mesh(border, ComponentChoice::Auto, 3.0), Err(ImagingError::Border { side: "first x", .. })));
+    let options = MeshOptions { edge_mm: 1.0, core_doublings: 0, component: ComponentChoice::Auto, centring: Centring::Origin };
+    let (_, report) = pipeline::mesh(border, &options, &mut |_| {}).unwrap();
+    assert!(report.notes[0].contains("reaches the first x and the first y and the first z and the last z border"), "{:?}", report.notes);
+    assert!(report.closed_manifold && report.volume_error_percent.abs() < 2.0, "{report}");
     let unknown = read(&valid(), &[("organ", 9)]).unwrap_err();
     assert!(unknown.to_string().contains("organ=9") && unknown.to_string().contains("0, 1, 2, 3"), "{unknown}");
     let empty = nifti(DIMS, [1.0, 2.0, 2.0, 2.0], sform(0.0), None, &vec![0; DIMS.iter().product()]);
     assert!(matches!(read(&empty, &[("organ", 1)]), Err(ImagingError::UnknownLabel { .. })));
     let sheared = nifti(DIMS, [1.0, 2.0, 2.0, 2.0], sform(0.4), None, &block());
-    assert!(matches!(read(&sheared, &[("organ", 1)]), Err(ImagingError::Sheared { .. })));
+    let straight = read(&sheared, &[("organ", 1)]).unwrap();
+    assert!(straight.notes[0].contains("11.3 degrees"), "{:?}", straight.notes);
+    let flattened = nifti(DIMS, [1.0, 2.0, 2.0, 2.0], sform(9.0), None, &block());
+    assert!(matches!(read(&flattened, &[("organ", 1)]), Err(ImagingError::Sheared { .. })));
     let flat = nifti(DIMS, [1.0, 0.0, 2.0, 2.0], None, None, &block());
     assert!(matches!(read(&flat, &[("organ", 1)]), Err(ImagingError::Format { .. })));
     let nowhere = input::read(Path::new("no/such/file.nii"), &Selection::Labels(labels(&[("organ", 1)])));
@@ -109,12 +118,12 @@ fn truncated_foreign_and_boasting_files_are_refused() {
 fn selections_that_do_not_fit_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let of = |s: &Selection, p: &Path| input::read(p, s).unwrap_err().to_string();
-    let threshold = Selection::Threshold { low: 0.0, high: 1.0, series: None };
+    let threshold = Selection::Threshold { low: 0.0, high: 1.0, series: None, gaps: Gaps::Refuse };
     assert!(of(&threshold, folder.path()).contains("holds no CT image"));
     assert!(of(&Selection::Labels(labels(&[("a", 1)])), folder.path()).contains("--threshold"));
     let file = folder.path().join("x.nii");
     std::fs::write(&file, valid()).unwrap();
-    assert!(of(&threshold, &file).contains("folder of a CT series"));
+    assert!(of(&threshold, &file).contains("holds no CT image"));
     assert!(of(&Selection::Labels(Vec::new()), &file).contains("--label"));
 }
 
@@ -152,6 +161,40 @@ fn mutate(bytes: &[u8], changes: &[(usize, u8, u8)]) -> Vec<u8> {
     out
 }
 
+/// Blobs of two labels, some bigger than what they lie in, some alone, some cut off by the border, on voxels of any shape.
+fn blobs() -> impl Strategy<Value = Vec<([f64; 3], f64, u8)>> {
+    prop::collection::vec((prop::array::uniform3(-2.0f64..26.0), 2.0f64..11.0, 1u8..3), 1..7)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn the_ugliest_labels_are_meshed_within_the_bounds(blobs in blobs(), spacing in prop::array::uniform3(0.7f32..4.5), edge in 2.0f64..6.0) {
+        let dims = [24; 3];
+        let voxels: Vec<u8> = (0..24 * 24 * 24)
+            .map(|i| {
+                let p = [i % 24, i / 24 % 24, i / 576].map(f64::from);
+                let inside = |(c, r, _): &&([f64; 3], f64, u8)| (0..3).map(|a| (p[a] - c[a]).powi(2)).sum::<f64>() < r * r;
+                blobs.iter().filter(inside).map(|(.., part)| *part).next_back().unwrap_or(0)
+            })
+            .collect();
+        let form = |a: usize| std::array::from_fn(|c| if c == a { spacing[a] } else { 0.0 });
+        let bytes = nifti(dims, [1.0, spacing[0], spacing[1], spacing[2]], Some([form(0), form(1), form(2)]), None, &voxels);
+        let Ok(volume) = read(&bytes, &[("organ", 1), ("inner", 2)]) else { return Ok(()) };
+        for (component, core_doublings) in [(ComponentChoice::Auto, 0), (ComponentChoice::All, 2)] {
+            let options = MeshOptions { edge_mm: edge, core_doublings, component, centring: Centring::Patient };
+            match pipeline::mesh(volume.clone(), &options, &mut |_| {}) {
+                Ok((_, report)) => {
+                    prop_assert!(report.closed_manifold && report.min_dihedral_deg > 10.65 && report.max_dihedral_deg < 164.85, "{report}");
+                }
+                Err(ImagingError::Edge { .. } | ImagingError::Unresolved { .. }) => {}
+                Err(other) => prop_assert!(false, "{other}"),
+            }
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
@@ -179,8 +222,53 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("a.dcm"), mutate(slice, &changes)).unwrap();
         std::fs::write(folder.path().join("b.dcm"), slice).unwrap();
-        if let Ok(series) = dicom_series::find(folder.path(), None) {
+        if let Ok(series) = dicom_series::find(folder.path(), None, Gaps::Interpolate) {
             drop(series.read());
         }
     }
+
+    #[test]
+    fn mutated_series_archives_and_directories_never_panic(
+        changes in prop::collection::vec((any::<usize>(), any::<u8>(), any::<u8>()), 1..6),
+        kind in 0usize..5,
+        near in any::<bool>(),
+    ) {
+        let changes: Vec<_> = changes.into_iter().map(|(at, k, v)| (if near { at % 900 } else { at }, k, v)).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("input");
+        let place = if kind < 3 { folder.path() } else { &path };
+        std::fs::write(&path, mutate(&kinds()[kind], &changes)).unwrap();
+        for name in ["a", "b"] {
+            std::fs::write(folder.path().join(name), &kinds()[0]).unwrap();
+        }
+        for gaps in [Gaps::Refuse, Gaps::Interpolate] {
+            if let Ok(series) = dicom_series::find(place, None, gaps) {
+                drop(series.read());
+            }
+        }
+        drop(input::segments(place));
+        drop(input::read(place, &Selection::Labels(labels(&[("organ", 1)]))));
+    }
+}
+
+/// Three kinds of CT images, an archive and a directory, as bytes.
+fn kinds() -> &'static [Vec<u8>; 5] {
+    use dicom_dictionary_std::uids;
+    static FILES: OnceLock<[Vec<u8>; 5]> = OnceLock::new();
+    FILES.get_or_init(|| {
+        let hu: Vec<i32> = (0..16 * 12).collect();
+        let at = ct::Ct::default();
+        let runs = ct::file(at.run_lengths(&hu), uids::CT_IMAGE_STORAGE, uids::RLE_LOSSLESS);
+        let deflated = ct::file(at.image(&hu), uids::CT_IMAGE_STORAGE, uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN);
+        let frames: Vec<_> = (0..4).map(|z| ([0.0, 0.0, f64::from(z)], -1000.0, hu.clone())).collect();
+        let enhanced = ct::file(at.enhanced(&frames), uids::ENHANCED_CT_IMAGE_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+        let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        for z in 0..3 {
+            let image = ct::Ct { position: [0.0, 0.0, f64::from(z)], ..ct::Ct::default() }.image(&hu);
+            zip.start_file(format!("{z}"), zip::write::SimpleFileOptions::default()).unwrap();
+            std::io::Write::write_all(&mut zip, &ct::file(image, uids::CT_IMAGE_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN)).unwrap();
+        }
+        let list = ct::file(ct::directory(&[vec!["a"], vec!["b"]]), uids::MEDIA_STORAGE_DIRECTORY_STORAGE, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+        [runs, deflated, enhanced, zip.finish().unwrap().into_inner(), list]
+    })
 }

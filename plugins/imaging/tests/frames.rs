@@ -25,7 +25,7 @@ fn mesh_of(file: &[u8], name: &str) -> TetMesh {
     let path = folder.path().join(name);
     std::fs::write(&path, file).unwrap();
     let volume = nifti_file::read_labels(&path, &labels(&[("organ", 1), ("inner", 2)])).unwrap();
-    let options = MeshOptions { edge_mm: 5.0, component: ComponentChoice::Auto, centring: Centring::Patient };
+    let options = MeshOptions { edge_mm: 5.0, core_doublings: 0, component: ComponentChoice::Auto, centring: Centring::Patient };
     pipeline::mesh(volume, &options, &mut |_| {}).unwrap().0
 }
 

@@ -97,6 +97,43 @@ fn a_void_is_filled_and_an_empty_field_is_refused() {
     assert!(stuffer.stuff(1.0, Keep::Largest).is_err(), "a body that leaves the lattice");
 }
 
+#[test]
+fn a_coarse_core_changes_nothing_at_the_surface() {
+    let field = |p: DVec3| 1.0 - p.length();
+    // A plane through the ball, as of a part in it.
+    let sides = |p: DVec3| u32::from(p.x > 0.213);
+    let all = |levels| {
+        Stuffer::new(&field, DVec3::splat(-1.3), DVec3::splat(1.3), 0.065).with_core(levels, &sides).stuff(0.0, Keep::Largest).unwrap()
+    };
+    let fine = all(0);
+    let surface = |s: &Stuffed| {
+        let mesh = mesh(s);
+        let mut faces: Vec<[[u64; 3]; 3]> = Boundary::of(&mesh)
+            .triangles
+            .iter()
+            .map(|t| {
+                let mut corners = t.map(|n| mesh.rest(n).to_array().map(f64::to_bits));
+                corners.sort_unstable();
+                corners
+            })
+            .collect();
+        faces.sort_unstable();
+        faces
+    };
+    let want = surface(&fine);
+    let mut last = fine.tets.len();
+    for levels in [1, 3] {
+        let s = all(levels);
+        assert_bounds(&s);
+        assert_eq!(euler(&s), 2);
+        let most = if levels == 1 { last * 9 / 10 } else { last };
+        assert!(s.tets.len() <= most, "{levels} doublings: {} of {last} tetrahedra", s.tets.len());
+        assert!(surface(&s) == want, "{levels} doublings: the surface is the same to the bit");
+        close(mesh(&s).total_volume(), mesh(&fine).total_volume(), 1e-10);
+        last = s.tets.len();
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
     /// Sums of waves with wavelengths down to two cells: blobs, tunnels, thin walls and kissing sheets, all within a ball.
