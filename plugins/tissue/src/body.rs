@@ -4,9 +4,10 @@ use crate::colouring::Colouring;
 use crate::element::Element;
 use crate::graph::EdgeGraph;
 use crate::hold::Hold;
+use crate::implicit::Implicit;
 use crate::material::{MaterialError, NeoHookean};
 use crate::settings::{Solver, TissueSettings};
-use crate::{rescue, semi_implicit, xpbd};
+use crate::{implicit, rescue, semi_implicit, xpbd};
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
@@ -22,6 +23,8 @@ pub struct Body {
     pub(crate) colouring: Colouring,
     /// Edges of the elements.
     pub(crate) graph: EdgeGraph,
+    /// What the implicit solver keeps.
+    pub(crate) implicit: Implicit,
     /// Constants and density (kg/m3) by material id.
     materials: Vec<(NeoHookean, f64)>,
 }
@@ -85,6 +88,7 @@ impl Body {
         for node in mesh.nodes() {
             body.lump(mesh, node);
         }
+        body.implicit.build(mesh, &body.elements);
         Ok(body)
     }
 
@@ -107,14 +111,21 @@ impl Body {
     }
 
     /// Steps the body over one tick of `dt` s under gravity (m/s2). Nothing here looks whether the result is finite: see [`crate::Guard`].
-    pub fn step(&self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+    pub fn step(&mut self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
         match settings.solver {
+            Solver::Implicit => implicit::step(self, state, holds, gravity, dt, settings),
             Solver::SemiImplicit if rescue::is_tangled(self, state) => {
                 xpbd::step(self, state, holds, gravity, dt, &rescue::settings(self, settings));
             }
             Solver::SemiImplicit => semi_implicit::step(self, state, holds, gravity, dt, settings),
             Solver::Xpbd => xpbd::step(self, state, holds, gravity, dt, settings),
         }
+    }
+
+    /// Iterations of conjugate gradients of the last tick of the implicit solver, and its substeps that had to be done carefully.
+    #[must_use]
+    pub fn solver_report(&self) -> (u32, u32) {
+        (self.implicit.iterations, self.implicit.careful)
     }
 
     /// Edges of the elements.
@@ -170,6 +181,11 @@ impl Body {
         around.sort_unstable();
         let mass: f64 = around.iter().map(|t| self.material(mesh, *t).1 * mesh.volume(*t) / 4.0).sum();
         self.masses[node.index()] = mass as f32;
+    }
+
+    /// A length of the body of this mass (kg): the edge of the cube of its volume, m.
+    pub(crate) fn size(&self, mass: f64) -> f64 {
+        self.materials.first().map_or(0.0, |(_, density)| (mass / density).cbrt())
     }
 
     fn material(&self, mesh: &TetMesh, tet: TetId) -> (NeoHookean, f64) {

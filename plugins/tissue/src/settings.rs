@@ -5,6 +5,8 @@ use bevy_ecs::prelude::*;
 /// Which method steps the tissue. Both have the same energy, elements and masses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Solver {
+    /// Implicit midpoint by Newton's method: right in rest and in motion. See [`crate::implicit`].
+    Implicit,
     /// Symplectic Euler with raised inertia: the equilibrium is that of the mesh at any number of substeps. See [`crate::semi_implicit`].
     #[default]
     SemiImplicit,

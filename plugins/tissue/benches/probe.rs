@@ -1,0 +1,37 @@
+//! scratch
+use keyhole_tissue::beam::*;
+use keyhole_tissue::{Body, Solver, TissueSettings};
+use keyhole_whiteboard::TissueState;
+use std::time::Instant;
+fn main() {
+    let a: Vec<String> = std::env::args().collect();
+    let g = |i: usize, d: f64| a.get(i).and_then(|s| s.parse().ok()).unwrap_or(d);
+    let size = g(1, 2.0) as usize;
+    let sub = g(2, 1.0) as u32;
+    let tol = g(3, 0.1) as f32;
+    let its = g(4, 50.0) as u32;
+    let drag = g(5, 4.0) as f32;
+    let ticks = g(6, 180.0) as u32;
+    let threads = g(7, 1.0) as usize;
+    let solver = if g(8, 0.0) > 0.5 { Solver::SemiImplicit } else { Solver::Implicit };
+    let ([n, m], reference) = if size < 3 { REFERENCE[size] } else { ([36, 18], -24.676) };
+    let mesh = beam(n, m);
+    let mut body = Body::new(&mesh, &beam_material()).unwrap();
+    let holds = clamp(&mesh);
+    let settings = TissueSettings { solver, substeps: sub, tolerance: tol, iterations: its, drag_1_s: drag, ..Default::default() };
+    let mut state = TissueState::at_rest(&mesh);
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+        let mut best = f64::MAX;
+        let mut first = 0.0;
+        for t in 0..ticks {
+            let s = Instant::now();
+            body.step(&mut state, &holds, GRAVITY, 1.0 / 60.0, &settings);
+            let e = s.elapsed().as_secs_f64() * 1e3;
+            if t < 60 { first += e; best = best.min(e); }
+            if t < 40 || t % 60 == 59 {
+                println!("{t}: {e:.2} ms tip {:.4} ({:+.3} %) its {:?} kin {:.3e} ", tip_mm(&mesh, &state), (tip_mm(&mesh, &state) / reference - 1.0) * 100.0, body.solver_report(), body.kinetic_energy(&state));
+            }
+        }
+        println!("first second {first:.1} ms, best tick {best:.2}");
+    });
+}
