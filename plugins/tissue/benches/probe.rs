@@ -13,13 +13,29 @@ fn main() {
     let drag = g(5, 4.0) as f32;
     let ticks = g(6, 180.0) as u32;
     let threads = g(7, 1.0) as usize;
-    let solver = if g(8, 0.0) > 0.5 { Solver::SemiImplicit } else { Solver::Implicit };
+    let solver = if g(8, 0.0) > 0.5 { Solver::Xpbd } else { Solver::Implicit };
     let ([n, m], reference) = if size < 3 { REFERENCE[size] } else { ([36, 18], -24.676) };
     let mesh = beam(n, m);
     let mut body = Body::new(&mesh, &beam_material()).unwrap();
     let holds = clamp(&mesh);
     let settings = TissueSettings { solver, substeps: sub, tolerance: tol, iterations: its, drag_1_s: drag, ..Default::default() };
     let mut state = TissueState::at_rest(&mesh);
+    let scenario = g(9, 0.0) as usize;
+    let mut s = 1_u32;
+    let mut r = move || {
+        s = s.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (s >> 8) as f32 / (1 << 24) as f32
+    };
+    if scenario > 0 {
+        for p in state.positions.iter_mut().filter(|p| p.x > 0.0) {
+            *p = match scenario {
+                1 => bevy_math::Vec3::new(r() * 0.06, r() * 0.03, r() * 0.03),
+                2 => bevy_math::Vec3::new(0.03, 0.015, 0.015),
+                3 => bevy_math::Vec3::new(-p.x, p.y, p.z),
+                _ => bevy_math::Vec3::new(p.x, p.y, 0.015),
+            };
+        }
+    }
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
         let mut best = f64::MAX;
         let mut first = 0.0;
@@ -30,6 +46,10 @@ fn main() {
             if t < 60 { first += e; best = best.min(e); }
             if t < 40 || t % 60 == 59 {
                 println!("{t}: {e:.2} ms tip {:.4} ({:+.3} %) its {:?} kin {:.3e} ", tip_mm(&mesh, &state), (tip_mm(&mesh, &state) / reference - 1.0) * 100.0, body.solver_report(), body.kinetic_energy(&state));
+                if scenario > 0 {
+                    let inv = body.elements().iter().filter(|e| e.deformation(e.indices().map(|i| state.positions[i])).determinant() <= 0.0).count();
+                    println!("   inverted {inv}");
+                }
             }
         }
         println!("first second {first:.1} ms, best tick {best:.2}");

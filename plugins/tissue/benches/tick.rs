@@ -71,7 +71,7 @@ fn cases() -> &'static [Case] {
         for (size, (_, reference)) in REFERENCE.into_iter().enumerate() {
             let beam = Beam::new(size);
             let truth = beam.swing(&TissueSettings { substeps: 64, viscosity_s: 0.0, ..Default::default() });
-            for (solver, steps) in [(Solver::SemiImplicit, [1, 2, 3, 4, 8].as_slice()), (Solver::Xpbd, &[10, 20, 40, 80])] {
+            for (solver, steps) in [(Solver::Implicit, [1, 2, 3, 4, 8].as_slice()), (Solver::Xpbd, &[10, 20, 40, 80])] {
                 for &substeps in steps {
                     let settings = TissueSettings { solver, substeps, ..Default::default() };
                     let settled = beam.tips(&TissueSettings { drag_1_s: 6.0, ..settings }, 180);

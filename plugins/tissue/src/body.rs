@@ -7,7 +7,7 @@ use crate::hold::Hold;
 use crate::implicit::Implicit;
 use crate::material::{MaterialError, NeoHookean};
 use crate::settings::{Solver, TissueSettings};
-use crate::{implicit, rescue, semi_implicit, xpbd};
+use crate::{implicit, xpbd};
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
@@ -114,10 +114,6 @@ impl Body {
     pub fn step(&mut self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
         match settings.solver {
             Solver::Implicit => implicit::step(self, state, holds, gravity, dt, settings),
-            Solver::SemiImplicit if rescue::is_tangled(self, state) => {
-                xpbd::step(self, state, holds, gravity, dt, &rescue::settings(self, settings));
-            }
-            Solver::SemiImplicit => semi_implicit::step(self, state, holds, gravity, dt, settings),
             Solver::Xpbd => xpbd::step(self, state, holds, gravity, dt, settings),
         }
     }
@@ -137,9 +133,8 @@ impl Body {
     /// Elastic forces on the nodes, N.
     #[must_use]
     pub fn forces(&self, state: &TissueState) -> Vec<Vec3> {
-        let mut forces = vec![Vec3A::ZERO; state.positions.len()];
-        semi_implicit::elastic(self, state, 0.0, &mut forces);
-        forces.into_iter().map(Vec3::from).collect()
+        let x: Vec<Vec3A> = state.positions.iter().map(|x| Vec3A::from(*x)).collect();
+        self.implicit.forces(&x).into_iter().map(Vec3::from).collect()
     }
 
     /// Momentum of the whole body.

@@ -59,8 +59,6 @@ pub(crate) struct Solved {
     pub iterations: u32,
     /// Whether a direction of negative curvature was met: the solution is what had been reached before it.
     pub negative: bool,
-    /// Work of the first residual along the solution, J.
-    pub slope: f64,
 }
 
 /// The vectors of the solver.
@@ -100,9 +98,10 @@ impl Gradients {
         let enough = (size * f64::from(stop.tolerance).powi(2)).max(stop.least);
         direction.copy_from_slice(scaled);
         let mut solved = Solved::default();
+        solved.negative = !size.is_finite();
         while solved.iterations < stop.iterations && size > enough {
             let curvature = multiply(system, direction, image, partial);
-            if curvature <= 0.0 {
+            if !(curvature > 0.0 && curvature.is_finite()) {
                 solved.negative = true;
                 if solved.iterations == 0 {
                     solution.copy_from_slice(direction);
@@ -110,7 +109,6 @@ impl Gradients {
                 break;
             }
             let length = (size / curvature) as f32;
-            solved.slope += size * size / curvature;
             solution
                 .par_chunks_mut(CHUNK)
                 .zip(residual.par_chunks_mut(CHUNK))

@@ -5,8 +5,8 @@
 //! `M (u - v) / (t h) = f(X) + M g`, `X = x + (t h + b) u`,
 //!
 //! for the velocity `u` within it, and then `x += h u`, `v += (u - v) / t`. It is the minimum of `M |X - y|^2 / 2 t h (t h + b) + E(X)` with
-//! `y = x + (t h + b) (v + t h g)`, of which one step of Newton's method goes nearly all the way: it starts where the acceleration of the substep before
-//! leads. What follows:
+//! `y = x + (t h + b) (v + t h g)`, of which one step of Newton's method goes nearly all the way: it starts where
+//! the velocity leads. What follows:
 //!
 //! - Where nothing moves `f + M g = 0`: the equilibrium is that of the mesh, whatever the substep, the tolerance and the iterations.
 //! - Motion is right to the second order of `h` but for `t - 1/2`; a mode of angular frequency `w` gets a damping ratio of `(t - 1/2) h w + b w / 2`.
@@ -21,10 +21,11 @@ use crate::element::Element;
 use crate::gradients::{Gradients, Spring, Stop, System};
 use crate::hold::Hold;
 use crate::multilevel::{GRAIN, Multilevel};
-use crate::rows::{CHUNK, Forces, Inertia, Rows};
+use crate::rows::{CHUNK, Chunk, Forces, Inertia, Rows};
 use crate::settings::TissueSettings;
+use crate::{rescue, xpbd};
 use bevy_math::{DVec3, Vec3, Vec3A};
-use keyhole_tetmesh::{NodeEdit, NodeId, TetId, TetMesh, TopologyDelta};
+use keyhole_tetmesh::{NodeId, TetId, TetMesh, TopologyDelta};
 use keyhole_whiteboard::{TissuePoint, TissueState};
 use rayon::prelude::*;
 
@@ -46,8 +47,15 @@ const HALVINGS: u32 = 10;
 /// Most steps of Newton's method of a substep that has to be done carefully.
 const CAREFUL_STEPS: u32 = 6;
 
-/// Slope at the end of a step of Newton's method, as a share of that at its beginning, above which it went too far.
-const OVERSHOOT: f64 = 0.9;
+/// A body is tangled when more than one in so many of its elements is inverted. A few may be a bridge of tissue about to be cut through, torn out of
+/// shape by the weight of what hangs on it.
+const TANGLED: usize = 400;
+
+/// Most steps of Newton's method of a substep that goes as usual. Nearly always one does.
+const USUAL_STEPS: u32 = 3;
+
+/// Share of the square of the residual that a substep may leave.
+const ENOUGH: f64 = 0.04;
 
 /// Everything the implicit solver keeps between ticks.
 #[derive(Clone, Debug, Default)]
@@ -56,8 +64,6 @@ pub struct Implicit {
     pub(crate) clusters: Clusters,
     levels: Multilevel,
     gradients: Gradients,
-    /// Acceleration of the substep before, m/s2: where the next one starts looking.
-    acceleration: Vec<Vec3A>,
     /// Where the forces are taken, m.
     x: Vec<Vec3A>,
     /// Where inertia alone would lead, m.
@@ -110,7 +116,7 @@ impl Implicit {
             + self.clusters.bytes()
             + self.levels.bytes()
             + self.gradients.bytes()
-            + 16 * (self.acceleration.capacity() + self.x.capacity() + self.target.capacity())
+            + 16 * (self.x.capacity() + self.target.capacity())
             + 5 * self.added.capacity()
             + self.forces.capacity() * size_of::<Forces>()
     }
@@ -131,22 +137,21 @@ impl Implicit {
         }
         self.rows.rebuild(touched, mesh, elements);
         self.clusters.adopt(mesh, &self.rows, &delta.nodes, touched);
-        self.acceleration.resize(mesh.node_slots(), Vec3A::ZERO);
-        for edit in &delta.nodes {
-            match edit {
-                NodeEdit::Split { node, of } => self.acceleration[node.index()] = self.acceleration[of.index()],
-                NodeEdit::Added { node, from } | NodeEdit::Moved { node, from } => {
-                    let weighted = |(n, w): &(NodeId, f64)| self.acceleration[n.index()] * *w as f32;
-                    self.acceleration[node.index()] = from.iter().map(weighted).sum();
-                }
-                NodeEdit::Removed { node } => self.acceleration[node.index()] = Vec3A::ZERO,
-            }
+    }
+
+    /// Elastic forces at these positions (m), N.
+    pub(crate) fn forces(&self, x: &[Vec3A]) -> Vec<Vec3A> {
+        let mut forces = vec![Vec3A::ZERO; x.len()];
+        let constants = self.rows.constants();
+        for (c, (chunk, out)) in self.rows.chunks.iter().zip(forces.chunks_mut(CHUNK)).enumerate() {
+            chunk.forces(c * CHUNK, constants, x, out);
         }
+        forces
     }
 
     fn resize(&mut self, nodes: usize) {
         self.gradients.resize(nodes);
-        for v in [&mut self.acceleration, &mut self.x, &mut self.target] {
+        for v in [&mut self.x, &mut self.target] {
             v.resize(nodes, Vec3A::ZERO);
         }
         self.added.resize(nodes, 0.0);
@@ -169,18 +174,32 @@ pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: V
             let end = (substep + 1) as f32 / n as f32;
             let viscosity = settings.viscosity_s.max(LEAST_VISCOSITY * h);
             let step = Step { h, within: WITHIN, reach: WITHIN * h + viscosity, gravity, end, share: 1.0 / n as f32 };
-            if solver.substep(body, state, holds, &starts, step, settings, Care::Usual).is_err() {
-                solver.careful += 1;
-                let step = Step { within: 1.0, reach: h, ..step };
-                let _ = solver.substep(body, state, holds, &starts, step, settings, Care::Downhill);
+            match solver.substep(body, state, holds, &starts, step, settings, Care::Usual) {
+                Ok(()) => {}
+                Err(Astray::Tangled) if substep == 0 => {
+                    solver.careful += 1;
+                    xpbd::step(body, state, holds, gravity, dt, &rescue::settings(body, settings));
+                    break;
+                }
+                Err(_) => {
+                    solver.careful += 1;
+                    let step = Step { within: 1.0, reach: h, ..step };
+                    let _ = solver.substep(body, state, holds, &starts, step, settings, Care::Downhill);
+                }
             }
         }
     });
     body.implicit = solver;
 }
 
-/// The energy is not convex, or a step went too far.
-struct Astray;
+/// Why a substep cannot be done as usual.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Astray {
+    /// Too many elements are inverted.
+    Tangled,
+    /// The energy is not convex, or the residual does not fall.
+    Wild,
+}
 
 impl Implicit {
     fn substep(
@@ -216,37 +235,48 @@ impl Implicit {
         let least = mass * f64::from(inertia) * (FINE * body.size(mass)).powi(2);
         let stop = Stop { tolerance: settings.tolerance, least, iterations: settings.iterations };
         let most = match care {
-            Care::Usual => 1,
+            Care::Usual => USUAL_STEPS,
             Care::Downhill => CAREFUL_STEPS,
         };
-        for _ in 0..most {
+        for round in 1..=most {
             let weights = Inertia { added: &self.added, free: &self.free, convex: care == Care::Downhill };
             let (chunks, constants) = self.rows.split();
             let x = &self.x;
-            chunks.par_iter_mut().zip(self.forces.par_chunks_mut(CHUNK)).enumerate().with_min_len(GRAIN).for_each(
-                |(c, (chunk, forces))| {
-                    chunk.assemble(c * CHUNK, constants, x, weights, forces);
-                },
-            );
+            let inverted: u32 = chunks
+                .par_iter_mut()
+                .zip(self.forces.par_chunks_mut(CHUNK))
+                .enumerate()
+                .with_min_len(GRAIN)
+                .map(|(c, (chunk, forces))| chunk.assemble(c * CHUNK, constants, x, weights, forces))
+                .sum();
+            if care == Care::Usual && inverted as usize / 4 * TANGLED > body.elements.len() {
+                return Err(Astray::Tangled);
+            }
             self.levels.prepare(&self.clusters, &self.rows, &self.x, weights, &self.forces);
             for (r, f) in self.gradients.residual.iter_mut().zip(&self.forces) {
                 *r = f.elastic;
             }
             self.balance(body, inertia);
+            let before = self.imbalance();
             let system = System { rows: &self.rows, springs: &self.springs, clusters: &self.clusters, x: &self.x, free: &self.free };
             let solved = self.gradients.solve(system, &mut self.levels, stop);
             self.iterations += solved.iterations;
+            self.settle_momentum(body, inertia);
             if solved.iterations == 0 && !solved.negative {
                 break;
             }
             match care {
                 Care::Usual => {
                     if solved.negative {
-                        return Err(Astray);
+                        return Err(Astray::Wild);
                     }
                     self.go(1.0);
-                    if self.slope(body, inertia) < -OVERSHOOT * solved.slope {
-                        return Err(Astray);
+                    self.look(body, inertia);
+                    if self.imbalance() <= ENOUGH * before {
+                        break;
+                    }
+                    if round == most {
+                        return Err(Astray::Wild);
                     }
                 }
                 Care::Downhill => {
@@ -293,6 +323,24 @@ impl Implicit {
         }
     }
 
+    /// Moves a body that no node is fixed of as a whole by what truncation left of the balance of its linear momentum.
+    fn settle_momentum(&mut self, body: &Body, inertia: f32) {
+        if self.free.iter().zip(&body.masses).any(|(free, mass)| !free && *mass > 0.0) {
+            return;
+        }
+        let left: DVec3 = self.gradients.residual.iter().map(|r| r.as_dvec3()).sum();
+        let mut against: f64 = body.masses.iter().map(|m| f64::from(m * inertia)).sum();
+        for spring in &self.springs {
+            against += f64::from(spring.stiffness * spring.point.iter().map(|(_, w)| w).sum::<f32>().powi(2));
+        }
+        if against > 0.0 {
+            let shift = (left / against).as_vec3a();
+            for (d, _) in self.gradients.solution.iter_mut().zip(&self.free).filter(|(_, free)| **free) {
+                *d += shift;
+            }
+        }
+    }
+
     /// Goes a part of the solution.
     fn go(&mut self, part: f32) {
         for (x, d) in self.x.iter_mut().zip(&self.gradients.solution) {
@@ -300,15 +348,25 @@ impl Implicit {
         }
     }
 
-    /// The work that the forces do along the solution, where it leads, J.
-    fn slope(&mut self, body: &Body, inertia: f32) -> f64 {
+    /// Takes the residual to where the body now is.
+    fn look(&mut self, body: &Body, inertia: f32) {
         let (rows, x) = (&self.rows, &self.x);
         let constants = rows.constants();
-        rows.chunks.par_iter().zip(self.gradients.residual.par_chunks_mut(CHUNK)).enumerate().with_min_len(GRAIN).for_each(
-            |(c, (chunk, out))| chunk.forces(c * CHUNK, constants, x, out),
-        );
+        rows.chunks
+            .par_iter()
+            .zip(self.gradients.residual.par_chunks_mut(CHUNK))
+            .enumerate()
+            .with_min_len(GRAIN)
+            .for_each(|(c, (chunk, out))| chunk.forces(c * CHUNK, constants, x, out));
         self.balance(body, inertia);
-        self.gradients.residual.iter().zip(&self.gradients.solution).map(|(r, d)| f64::from(r.dot(*d))).sum()
+    }
+
+    /// The size of the residual: what it could still do to each node on its own, J.
+    fn imbalance(&self) -> f64 {
+        let of = |(chunk, r): (&Chunk, &[Vec3A])| -> f64 {
+            f64::from(chunk.inverses().iter().zip(r).map(|(inverse, r)| r.dot(*inverse * *r)).sum::<f32>())
+        };
+        self.rows.chunks.iter().zip(self.gradients.residual.chunks(CHUNK)).map(of).sum()
     }
 
     /// Goes along the solution, less and less of it until the energy is lower; whether it got anywhere.
@@ -370,7 +428,6 @@ impl Implicit {
                 continue;
             }
             let u = within(i, *x) + off;
-            self.acceleration[i] = Vec3A::from((u - *v) / (step.within * step.h));
             *x += u * step.h - ahead;
             let next = *v + (u - *v) / step.within;
             *v = drift + (next - drift) * decay;
@@ -380,7 +437,6 @@ impl Implicit {
             let to = start.lerp(hold.to, step.end);
             state.velocities[*i] = (to - state.positions[*i]) / step.h;
             state.positions[*i] = to;
-            self.acceleration[*i] = Vec3A::ZERO;
         }
     }
 }

@@ -25,6 +25,9 @@ pub const CHUNK: usize = 64;
 /// For each corner the other three, such that the four are an even permutation.
 const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [3, 0, 1], [2, 1, 0]];
 
+/// Largest pressure in multiples of the shear modulus for which the tangent is exact: beyond, what may be negative in it is bounded from above instead.
+const MOST: f32 = 2.0;
+
 /// Row length up to which the sums of a row are kept on the stack.
 const USUAL: usize = 96;
 
@@ -97,12 +100,6 @@ impl Rows {
         let m = element.material;
         self.volumetric[tet.index()] =
             Volumetric { stiffness: m.lambda / element.volume, target: m.a() * element.volume, mu: m.mu };
-    }
-
-    /// Makes room for a number of nodes and tetrahedra.
-    pub(crate) fn reserve(&mut self, nodes: usize, tets: usize) {
-        self.chunks.reserve(nodes / CHUNK + 1);
-        self.volumetric.reserve(tets);
     }
 
     /// Rebuilds the rows of these nodes, ascending, from a mesh and its elements.
@@ -255,8 +252,10 @@ impl Chunk {
         }
     }
 
-    /// Assembles the rows of this chunk, the first node of which is `first`, at positions `x` (m); writes the forces.
-    pub(crate) fn assemble(&mut self, first: usize, constants: RowConstants<'_>, x: &[Vec3A], inertia: Inertia<'_>, out: &mut [Forces]) {
+    /// Assembles the rows of this chunk, the first node of which is `first`, at positions `x` (m); writes the forces. Returns how
+    /// many corners of inverted tetrahedra there are.
+    pub(crate) fn assemble(&mut self, first: usize, constants: RowConstants<'_>, x: &[Vec3A], inertia: Inertia<'_>, out: &mut [Forces]) -> u32 {
+        let mut inverted = 0;
         let mut usual = [[Vec3A::ZERO; 4]; USUAL];
         let mut longer = Vec::new();
         for (at, out) in out.iter_mut().enumerate() {
@@ -274,7 +273,7 @@ impl Chunk {
             sums.fill([Vec3A::ZERO; 4]);
             let here = x[first + at];
             let columns = &self.columns[row.clone()];
-            let (mut hydrostatic, mut turned) = (Vec3A::ZERO, Vec3A::ZERO);
+            let (mut hydrostatic, mut turned, mut bounded) = (Vec3A::ZERO, Vec3A::ZERO, Vec3A::ZERO);
             for corner in &self.corners[self.corner_starts[at] as usize..self.corner_starts[at + 1] as usize] {
                 let others = corner.others.map(usize::from);
                 let [a, b, c] = others.map(|o| x[columns[o] as usize] - here);
@@ -283,8 +282,24 @@ impl Chunk {
                 let own = gradients[0] + gradients[1] + gradients[2];
                 let pressure = v.stiffness * (a.dot(gradients[0]) / 6.0 - v.target);
                 hydrostatic += own * pressure;
-                let kept = if inertia.convex { 0.0 } else { pressure.clamp(-2.0 * v.mu, v.mu) };
+                let kept = if inertia.convex { 0.0 } else { pressure.clamp(-MOST * v.mu, MOST * v.mu) };
                 turned += own * kept;
+                inverted += u32::from(a.dot(gradients[0]) <= 0.0);
+                if kept != pressure {
+                    // What is left out is bounded from above: |d2 vol| <= (|e_k| + |e_l|) |u_j|^2 / 6 over the edges e from any corner, u their
+                    // changes; here the mean of what the four corners say.
+                    let bound = (pressure - kept).abs() / 24.0;
+                    let [p, q, r] = [a.length(), b.length(), c.length()];
+                    let [ab, bc, ca] = [a.distance(b), b.distance(c), c.distance(a)];
+                    for ((o, arm), around) in others.iter().zip([a, b, c]).zip([q + r + ab + ca, r + p + ab + bc, p + q + bc + ca]) {
+                        let weight = bound * around;
+                        let sum = &mut sums[*o];
+                        sum[0].x -= weight;
+                        sum[1].y -= weight;
+                        sum[2].z -= weight;
+                        bounded += arm * weight;
+                    }
+                }
                 let raised = own * (v.stiffness / -36.0);
                 let bend = [b - c, c - a, a - b];
                 for q in 0..3 {
@@ -312,13 +327,14 @@ impl Chunk {
                 place[3..6].copy_from_slice(&b.y_axis.to_array());
                 place[6..9].copy_from_slice(&b.z_axis.to_array());
             }
-            *out = Forces { elastic: shear + hydrostatic * (1.0 / 6.0), turned: shear + turned * (1.0 / 6.0) };
+            *out = Forces { elastic: shear + hydrostatic * (1.0 / 6.0), turned: shear + turned * (1.0 / 6.0) + bounded };
             let added = Vec3A::splat(inertia.added[first + at]);
             // The bent parts of a tetrahedron cancel in the diagonal, but for rounding.
             let d = (total + total.transpose()) * -0.5 + Mat3A::from_diagonal(added.into());
             self.diagonal[at] = d;
             self.inverse[at] = if inertia.free[first + at] && inertia.added[first + at] > 0.0 { d.inverse() } else { Mat3A::ZERO };
         }
+        inverted
     }
 
     /// `y = A x` for the nodes of this chunk, zero where a node is not free; and the sum of the products of both.

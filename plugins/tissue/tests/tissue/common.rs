@@ -55,7 +55,7 @@ pub fn random() -> impl FnMut() -> f32 {
 }
 
 /// Runs ticks of 1/60 s; the state must stay finite.
-pub fn run(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, settings: &TissueSettings, ticks: u32) {
+pub fn run(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, settings: &TissueSettings, ticks: u32) {
     for tick in 0..ticks {
         body.step(state, holds, gravity, 1.0 / 60.0, settings);
         assert!(state.positions.iter().all(|x| x.is_finite()), "not finite at tick {tick}");
