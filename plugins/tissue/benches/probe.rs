@@ -14,7 +14,7 @@ fn main() {
     let ticks = g(6, 180.0) as u32;
     let threads = g(7, 1.0) as usize;
     let solver = if g(8, 0.0) > 0.5 { Solver::Xpbd } else { Solver::Implicit };
-    let ([n, m], reference) = if size < 3 { REFERENCE[size] } else { ([36, 18], -24.676) };
+    let ([n, m], reference) = if size < 3 { REFERENCE[size] } else { REFERENCE[3] };
     let mesh = beam(n, m);
     let mut body = Body::new(&mesh, &beam_material()).unwrap();
     let holds = clamp(&mesh);

@@ -68,6 +68,7 @@ pub fn adopt(
     delta: &TopologyDelta,
     departed: impl FnOnce(&TissueState) -> Momentum,
 ) -> Adopted {
+    body.wake();
     let reshaped = delta.reshaped(mesh.topology());
     let touched = touched_nodes(body, mesh, delta, &reshaped);
     let before = momentum_of(body, state, &touched);

@@ -6,6 +6,7 @@ use crate::graph::EdgeGraph;
 use crate::hold::Hold;
 use crate::implicit::Implicit;
 use crate::material::{MaterialError, NeoHookean};
+use crate::sleep::Sleep;
 use crate::settings::{Solver, TissueSettings};
 use crate::{implicit, xpbd};
 use bevy_math::{DVec3, Vec3, Vec3A};
@@ -25,6 +26,8 @@ pub struct Body {
     pub(crate) graph: EdgeGraph,
     /// What the implicit solver keeps.
     pub(crate) implicit: Implicit,
+    /// Whether the body sleeps.
+    pub(crate) sleep: Sleep,
     /// Constants and density (kg/m3) by material id.
     materials: Vec<(NeoHookean, f64)>,
 }
@@ -110,12 +113,43 @@ impl Body {
         &self.colouring
     }
 
-    /// Steps the body over one tick of `dt` s under gravity (m/s2). Nothing here looks whether the result is finite: see [`crate::Guard`].
+    /// Steps the body over one tick of `dt` s under gravity (m/s2), unless it sleeps. Nothing here looks whether the result is finite: see [`crate::Guard`].
     pub fn step(&mut self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+        if self.is_asleep(state, holds, gravity) {
+            return;
+        }
         match settings.solver {
             Solver::Implicit => implicit::step(self, state, holds, gravity, dt, settings),
             Solver::Xpbd => xpbd::step(self, state, holds, gravity, dt, settings),
         }
+        if settings.sleep {
+            let mass = self.masses.iter().map(|m| f64::from(*m)).sum();
+            let (kinetic, size) = (self.kinetic_energy(state), self.size(mass));
+            self.sleep.look(state, holds, gravity, dt, kinetic, mass, size);
+        }
+    }
+
+    /// Whether a step would do nothing: the body has been still for half a second and nothing has changed since.
+    #[must_use]
+    pub fn is_asleep(&self, state: &TissueState, holds: &[Hold], gravity: Vec3) -> bool {
+        self.sleep.holds_on(state, holds, gravity)
+    }
+
+    /// Wakes a body that sleeps: something is about to touch it. Holds that change and topology changes wake it by themselves.
+    pub fn wake(&mut self) {
+        self.sleep.wake();
+    }
+
+    /// The corners of the box around a body that sleeps, m.
+    #[must_use]
+    pub fn sleeping_bounds(&self) -> Option<(Vec3, Vec3)> {
+        self.sleep.bounds()
+    }
+
+    /// Bytes that the implicit solver keeps for this body: everything that a body on its own has but masses and elements.
+    #[must_use]
+    pub fn solver_bytes(&self) -> usize {
+        self.implicit.bytes() + self.masses.capacity() * 4
     }
 
     /// Iterations of conjugate gradients of the last tick of the implicit solver, and its substeps that had to be done carefully.

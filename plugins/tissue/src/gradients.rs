@@ -97,8 +97,7 @@ impl Gradients {
         let mut size = levels.apply(clusters, rows, x, residual, scaled, partial);
         let enough = (size * f64::from(stop.tolerance).powi(2)).max(stop.least);
         direction.copy_from_slice(scaled);
-        let mut solved = Solved::default();
-        solved.negative = !size.is_finite();
+        let mut solved = Solved { iterations: 0, negative: !size.is_finite() };
         while solved.iterations < stop.iterations && size > enough {
             let curvature = multiply(system, direction, image, partial);
             if !(curvature > 0.0 && curvature.is_finite()) {

@@ -72,6 +72,8 @@ pub struct Implicit {
     free: Vec<bool>,
     forces: Vec<Forces>,
     springs: Vec<Spring>,
+    /// Fixed nodes and where they were when the tick began, m.
+    starts: Vec<(usize, Vec3)>,
     /// Iterations of conjugate gradients of the last tick.
     pub(crate) iterations: u32,
     /// Substeps of the last tick that had to be done carefully.
@@ -167,7 +169,9 @@ pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: V
     (solver.iterations, solver.careful) = (0, 0);
     let n = settings.substeps.max(1);
     let h = dt / n as f32;
-    let starts: Vec<(usize, Vec3)> = holds.iter().filter_map(|d| d.fixes().map(|i| (i, state.positions[i]))).collect();
+    let mut starts = std::mem::take(&mut solver.starts);
+    starts.clear();
+    starts.extend(holds.iter().filter_map(|d| d.fixes().map(|i| (i, state.positions[i]))));
     // One job for the pool: every loop within is split among its threads.
     rayon::scope(|_| {
         for substep in 0..n {
@@ -189,6 +193,7 @@ pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: V
             }
         }
     });
+    solver.starts = starts;
     body.implicit = solver;
 }
 

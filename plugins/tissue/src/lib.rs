@@ -17,6 +17,7 @@ pub mod plugin;
 pub mod rescue;
 pub mod rows;
 pub mod settings;
+pub mod sleep;
 pub mod xpbd;
 
 pub use body::{Body, Momentum};

@@ -218,10 +218,7 @@ fn factor_small(small: &mut Small, own: u32, nodes: &[u32], clusters: &Clusters,
     let original: [f32; RIGID] = std::array::from_fn(|q| m[q][q]);
     for q in 0..RIGID {
         for p in 0..=q {
-            let mut v = m[q][p];
-            for k in 0..p {
-                v -= m[q][k] * m[p][k];
-            }
+            let v = m[q][p] - m[q][..p].iter().zip(&m[p][..p]).map(|(a, b)| a * b).sum::<f32>();
             // The diagonal keeps its inverse, zero for a motion that is none.
             m[q][p] = if p < q {
                 v * m[p][p]

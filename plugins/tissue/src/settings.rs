@@ -34,10 +34,12 @@ pub struct TissueSettings {
     pub tolerance: f32,
     /// Most iterations of conjugate gradients a substep. Default 50.
     pub iterations: u32,
+    /// Whether a body that has been still for half a second is left alone until something about it changes. Default true.
+    pub sleep: bool,
 }
 
 impl Default for TissueSettings {
     fn default() -> Self {
-        Self { solver: Solver::default(), substeps: 1, drag_1_s: 4.0, viscosity_s: 0.001, tolerance: 0.03, iterations: 50 }
+        Self { solver: Solver::default(), substeps: 1, drag_1_s: 4.0, viscosity_s: 0.001, tolerance: 0.03, iterations: 50, sleep: true }
     }
 }
