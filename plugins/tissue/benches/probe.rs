@@ -46,6 +46,11 @@ fn main() {
             if t < 60 { first += e; best = best.min(e); }
             if t < 40 || t % 60 == 59 {
                 println!("{t}: {e:.2} ms tip {:.4} ({:+.3} %) its {:?} kin {:.3e} ", tip_mm(&mesh, &state), (tip_mm(&mesh, &state) / reference - 1.0) * 100.0, body.solver_report(), body.kinetic_energy(&state));
+                if std::env::var("DBG").is_ok() {
+                    let mut w: Vec<(f32, usize)> = body.elements().iter().enumerate().map(|(i, e)| (e.deformation(e.indices().map(|i| state.positions[i])).determinant(), i)).collect();
+                    w.sort_by(|a, b| a.0.total_cmp(&b.0));
+                    println!("   worst {:?} {:?} last {:?}", w[0], mesh.points(keyhole_tetmesh::TetId(w[0].1 as u32)), w.last());
+                }
                 if scenario > 0 {
                     let inv = body.elements().iter().filter(|e| e.deformation(e.indices().map(|i| state.positions[i])).determinant() <= 0.0).count();
                     println!("   inverted {inv}");

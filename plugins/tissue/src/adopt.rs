@@ -98,7 +98,7 @@ pub fn adopt(
     for node in &touched {
         body.lump(mesh, *node);
     }
-    body.implicit.adopt(mesh, &body.elements, delta, &reshaped, &touched);
+    body.implicit.newton.adopt(mesh, &body.elements, delta, &reshaped, &touched);
 
     let left = departed(state);
     let after = momentum_of(body, state, &touched).plus(left);

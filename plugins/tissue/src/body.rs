@@ -91,7 +91,7 @@ impl Body {
         for node in mesh.nodes() {
             body.lump(mesh, node);
         }
-        body.implicit.build(mesh, &body.elements);
+        body.implicit.newton.build(mesh, &body.elements);
         Ok(body)
     }
 
@@ -155,7 +155,7 @@ impl Body {
     /// Iterations of conjugate gradients of the last tick of the implicit solver, and its substeps that had to be done carefully.
     #[must_use]
     pub fn solver_report(&self) -> (u32, u32) {
-        (self.implicit.iterations, self.implicit.careful)
+        (self.implicit.newton.iterations, self.implicit.careful)
     }
 
     /// Edges of the elements.
@@ -168,7 +168,7 @@ impl Body {
     #[must_use]
     pub fn forces(&self, state: &TissueState) -> Vec<Vec3> {
         let x: Vec<Vec3A> = state.positions.iter().map(|x| Vec3A::from(*x)).collect();
-        self.implicit.forces(&x).into_iter().map(Vec3::from).collect()
+        self.implicit.newton.forces(&x).into_iter().map(Vec3::from).collect()
     }
 
     /// Momentum of the whole body.

@@ -13,6 +13,7 @@ pub mod hold;
 pub mod implicit;
 pub mod material;
 pub mod multilevel;
+pub mod newton;
 pub mod plugin;
 pub mod rescue;
 pub mod rows;

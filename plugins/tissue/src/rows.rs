@@ -26,7 +26,7 @@ pub const CHUNK: usize = 64;
 const OTHERS: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [3, 0, 1], [2, 1, 0]];
 
 /// Largest pressure in multiples of the shear modulus for which the tangent is exact: beyond, what may be negative in it is bounded from above instead.
-const MOST: f32 = 2.0;
+const MOST: f32 = 5.0;
 
 /// Row length up to which the sums of a row are kept on the stack.
 const USUAL: usize = 96;
