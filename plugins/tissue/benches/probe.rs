@@ -39,11 +39,13 @@ fn main() {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
         let mut best = f64::MAX;
         let mut first = 0.0;
+        let cpu = || std::fs::read_to_string("/proc/thread-self/schedstat").unwrap().split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-6;
+        let (c0, mut c1, mut its) = (cpu(), 0.0, 0);
         for t in 0..ticks {
             let s = Instant::now();
             body.step(&mut state, &holds, GRAVITY, 1.0 / 60.0, &settings);
             let e = s.elapsed().as_secs_f64() * 1e3;
-            if t < 60 { first += e; best = best.min(e); }
+            if t < 60 { c1 = cpu() - c0; its += body.solver_report().0; first += e; best = best.min(e); }
             if t < 40 || t % 60 == 59 {
                 println!("{t}: {e:.2} ms tip {:.4} ({:+.3} %) its {:?} kin {:.3e} ", tip_mm(&mesh, &state), (tip_mm(&mesh, &state) / reference - 1.0) * 100.0, body.solver_report(), body.kinetic_energy(&state));
                 if std::env::var("DBG").is_ok() {
@@ -57,6 +59,6 @@ fn main() {
                 }
             }
         }
-        println!("first second {first:.1} ms, best tick {best:.2}");
+        println!("first second {first:.1} ms, best tick {best:.2}, cpu {c1:.1}, its {its}");
     });
 }

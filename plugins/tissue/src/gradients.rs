@@ -59,6 +59,8 @@ pub(crate) struct Solved {
     pub iterations: u32,
     /// Whether a direction of negative curvature was met: the solution is what had been reached before it.
     pub negative: bool,
+    /// Size of the residual before, J.
+    pub before: f64,
 }
 
 /// The vectors of the solver.
@@ -89,6 +91,11 @@ impl Gradients {
         size_of::<Vec3A>() * 5 * self.residual.capacity() + 4 * self.partial.capacity()
     }
 
+    /// The size of the residual in the norm of the preconditioner, J.
+    pub(crate) fn size(&mut self, rows: &Rows, clusters: &Clusters, levels: &mut Multilevel, x: &[Vec3A]) -> f64 {
+        levels.apply(clusters, rows, x, &self.residual, &mut self.scaled, &mut self.partial)
+    }
+
     /// Solves `A solution = residual` from zero.
     pub(crate) fn solve(&mut self, system: System<'_>, levels: &mut Multilevel, stop: Stop) -> Solved {
         let System { rows, clusters, x, .. } = system;
@@ -97,7 +104,7 @@ impl Gradients {
         let mut size = levels.apply(clusters, rows, x, residual, scaled, partial);
         let enough = (size * f64::from(stop.tolerance).powi(2)).max(stop.least);
         direction.copy_from_slice(scaled);
-        let mut solved = Solved { iterations: 0, negative: !size.is_finite() };
+        let mut solved = Solved { iterations: 0, negative: !size.is_finite(), before: size };
         while solved.iterations < stop.iterations && size > enough {
             let curvature = multiply(system, direction, image, partial);
             if !(curvature > 0.0 && curvature.is_finite()) {

@@ -5,7 +5,7 @@ use crate::clusters::Clusters;
 use crate::element::Element;
 use crate::gradients::{Gradients, Spring, Stop, System};
 use crate::multilevel::{GRAIN, Multilevel};
-use crate::rows::{CHUNK, Chunk, Forces, Inertia, Rows};
+use crate::rows::{CHUNK, Forces, Inertia, Rows};
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh, TopologyDelta};
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ const USUAL_STEPS: u32 = 3;
 const CAREFUL_STEPS: u32 = 6;
 
 /// Share of the square of the residual that a stage may leave.
-const ENOUGH: f64 = 0.1;
+const ENOUGH: f64 = 0.04;
 
 /// Share of the square of the residual that is too much after all of them.
 const WILD: f64 = 0.5;
@@ -132,11 +132,11 @@ impl Newton {
                 return Err(Astray::Tangled);
             }
             self.balance(body, inertia);
-            if round == 1 {
-                before = self.imbalance();
-            }
             let system = System { rows: &self.rows, springs: &self.springs, clusters: &self.clusters, x: &self.x, free: &self.free };
             let solved = self.gradients.solve(system, &mut self.levels, stop);
+            if round == 1 {
+                before = solved.before;
+            }
             self.iterations += solved.iterations;
             self.settle_momentum(body, inertia);
             if solved.iterations == 0 && !solved.negative {
@@ -149,7 +149,7 @@ impl Newton {
                     }
                     self.go(1.0);
                     self.look(body, inertia);
-                    let left = self.imbalance() / before;
+                    let left = self.gradients.size(&self.rows, &self.clusters, &mut self.levels, &self.x) / before;
                     if left <= ENOUGH {
                         break;
                     }
@@ -237,14 +237,6 @@ impl Newton {
             .with_min_len(GRAIN)
             .for_each(|(c, (chunk, out))| chunk.forces(c * CHUNK, constants, x, out));
         self.balance(body, inertia);
-    }
-
-    /// The size of the residual: what it could still do to each node on its own, J.
-    fn imbalance(&self) -> f64 {
-        let of = |(chunk, r): (&Chunk, &[Vec3A])| -> f64 {
-            f64::from(chunk.inverses().iter().zip(r).map(|(inverse, r)| r.dot(*inverse * *r)).sum::<f32>())
-        };
-        self.rows.chunks.iter().zip(self.gradients.residual.chunks(CHUNK)).map(of).sum()
     }
 
     /// Goes along the solution, less and less of it until the energy is lower; whether it got anywhere.
