@@ -34,6 +34,8 @@ pub struct Clusters {
     pub(crate) parent: Vec<u32>,
     /// Small clusters of each large one, ascending.
     pub(crate) children: Vec<Vec<u32>>,
+    /// Small clusters that are not in use.
+    unused: Vec<u32>,
 }
 
 impl Clusters {
@@ -94,8 +96,7 @@ impl Clusters {
                 match beside {
                     Some(cluster) => self.put(node, cluster),
                     None => {
-                        self.children.push(Vec::new());
-                        let parent = self.children.len() as u32 - 1;
+                        let parent = self.empty_large();
                         self.add(vec![node], parent);
                     }
                 }
@@ -128,7 +129,10 @@ impl Clusters {
         let mut pieces = pieces.into_iter();
         match pieces.next() {
             Some(first) => self.fill(small, first),
-            None => self.children[parent as usize].retain(|c| *c != small),
+            None => {
+                self.children[parent as usize].retain(|c| *c != small);
+                self.unused.push(small);
+            }
         }
         for piece in pieces {
             self.add(piece, parent);
@@ -158,8 +162,7 @@ impl Clusters {
             let to = match beyond {
                 Some(other) if piece.len() < LEAST_PIECE => other,
                 _ => {
-                    self.children.push(Vec::new());
-                    self.children.len() as u32 - 1
+                    self.empty_large()
                 }
             };
             for c in piece {
@@ -171,10 +174,22 @@ impl Clusters {
         }
     }
 
+    /// A large cluster that is not in use.
+    fn empty_large(&mut self) -> u32 {
+        let at = self.children.iter().position(Vec::is_empty).unwrap_or(self.children.len());
+        if at == self.children.len() {
+            self.children.push(Vec::new());
+        }
+        at as u32
+    }
+
     fn add(&mut self, members: Vec<u32>, parent: u32) {
-        let small = self.nodes.len() as u32;
-        self.nodes.push(Vec::new());
-        self.parent.push(parent);
+        let small = self.unused.pop().unwrap_or_else(|| {
+            self.nodes.push(Vec::new());
+            self.parent.push(parent);
+            self.nodes.len() as u32 - 1
+        });
+        self.parent[small as usize] = parent;
         self.children[parent as usize].push(small);
         self.fill(small, members);
     }
@@ -260,4 +275,58 @@ fn parts<'a>(mut list: Vec<u32>, neighbours: impl Fn(u32) -> &'a [u32]) -> Vec<V
         all.push(found.into_iter().map(|i| list[i]).collect());
     }
     all
+}
+
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
+mod tests {
+    use crate::adopt::adopt;
+    use crate::beam::{beam, beam_material};
+    use crate::{Body, Momentum};
+    use keyhole_tetmesh::TetId;
+    use keyhole_whiteboard::TissueState;
+    use std::collections::BTreeMap;
+
+    /// After a cut through the beam every node is in one small cluster and that in one large one, every cluster hangs together, and none reaches
+    /// across the cut.
+    #[test]
+    fn no_cluster_reaches_across_a_cut() {
+        let mut mesh = beam(13, 6);
+        let mut body = Body::new(&mesh, &beam_material()).unwrap();
+        let mut state = TissueState::at_rest(&mesh);
+        let far: Vec<TetId> =
+            mesh.iter().map(|(t, _)| t).filter(|t| mesh.points(*t).iter().map(|p| p.x).sum::<f64>() / 4.0 > 0.031).collect();
+        let near: std::collections::BTreeSet<_> =
+            mesh.iter().filter(|(t, _)| !far.contains(t)).flat_map(|(_, c)| c).collect();
+        let mut twins = BTreeMap::new();
+        for tet in far {
+            let (corners, attributes) = (mesh.corners(tet), mesh.tet(tet));
+            if corners.iter().any(|n| near.contains(n)) {
+                mesh.remove_tet(tet);
+                let own = corners.map(|n| if near.contains(&n) { *twins.entry(n).or_insert_with(|| mesh.split_node(n)) } else { n });
+                mesh.add_tet(own, attributes);
+            }
+        }
+        let delta = mesh.take_delta();
+        adopt(&mut body, &mut state, &mesh, &delta, |_| Momentum::default());
+
+        let clusters = &body.implicit.newton.clusters;
+        let rows = &body.implicit.newton.rows;
+        let mut seen = vec![0; mesh.node_slots()];
+        for (large, children) in clusters.children.iter().enumerate() {
+            let mut all = Vec::new();
+            for small in children {
+                assert_eq!(clusters.parent[*small as usize], large as u32);
+                let nodes = &clusters.nodes[*small as usize];
+                assert_eq!(super::parts(nodes.clone(), |n| rows.neighbours(n as usize)).len(), 1, "small cluster {small}");
+                for n in nodes {
+                    assert_eq!(clusters.of_node[*n as usize], *small);
+                    seen[*n as usize] += 1;
+                }
+                all.extend(nodes);
+            }
+            assert!(super::parts(all, |n| rows.neighbours(n as usize)).len() <= 1, "large cluster {large}");
+        }
+        assert!(mesh.nodes().all(|n| seen[n.index()] == 1));
+    }
 }

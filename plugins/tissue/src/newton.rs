@@ -51,7 +51,7 @@ pub(crate) enum Astray {
 #[derive(Clone, Debug, Default)]
 pub struct Newton {
     pub(crate) rows: Rows,
-    clusters: Clusters,
+    pub(crate) clusters: Clusters,
     levels: Multilevel,
     gradients: Gradients,
     /// Where the forces are taken: the start, then the solution, m.

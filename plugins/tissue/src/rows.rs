@@ -366,3 +366,49 @@ impl Chunk {
 fn load(numbers: &[f32]) -> Vec3A {
     Vec3A::from_vec4(Vec4::from_slice(numbers))
 }
+
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
+mod tests {
+    use super::*;
+    use crate::Body;
+    use crate::beam::{beam_material, block};
+    use bevy_math::Vec3;
+    use keyhole_whiteboard::TissueState;
+
+    /// The tangent is the derivative of the forces, and a rotation gives the force that the coarse levels count on, wherever the body is.
+    #[test]
+    fn tangent_is_the_derivative_of_the_force() {
+        let mesh = block([2, 2, 2], [0.02, 0.02, 0.02]);
+        let mut body = Body::new(&mesh, &beam_material()).unwrap();
+        let wave = |i: usize, p: Vec3| Vec3A::from(p + Vec3::new((i as f32).sin(), (2.0 * i as f32).cos(), (3.0 * i as f32).sin()) * 4e-4);
+        let x: Vec<Vec3A> = TissueState::at_rest(&mesh).positions.iter().enumerate().map(|(i, p)| wave(i, *p)).collect();
+        let (added, free) = (vec![0.0; x.len()], vec![true; x.len()]);
+        let rows = &mut body.implicit.newton.rows;
+        let mut forces = vec![Forces::default(); x.len()];
+        let (chunks, constants) = rows.split();
+        chunks[0].assemble(0, constants, &x, Inertia { added: &added, free: &free, convex: false }, &mut forces);
+        let direction: Vec<Vec3A> = (0..x.len()).map(|i| Vec3A::new((5.0 * i as f32).cos(), (7.0 * i as f32).sin(), 0.3)).collect();
+        let turn = Vec3A::new(0.2, -0.5, 0.7);
+        let turned: Vec<Vec3A> = x.iter().map(|x| turn.cross(*x)).collect();
+        let (mut image, mut rotated) = (vec![Vec3A::ZERO; x.len()], vec![Vec3A::ZERO; x.len()]);
+        rows.chunks[0].multiply(0, &direction, &free, &mut image);
+        rows.chunks[0].multiply(0, &turned, &free, &mut rotated);
+        let step = 2e-5;
+        let at = |s: f32| {
+            let moved: Vec<Vec3A> = x.iter().zip(&direction).map(|(x, d)| *x + *d * s).collect();
+            let mut out = vec![Vec3A::ZERO; x.len()];
+            rows.chunks[0].forces(0, rows.constants(), &moved, &mut out);
+            out
+        };
+        let size = image.iter().map(|i| i.length()).fold(0.0, f32::max);
+        for (i, ((ahead, behind), image)) in at(step).iter().zip(&at(-step)).zip(&image).enumerate() {
+            let difference = (*behind - *ahead) / (2.0 * step);
+            assert!((difference - *image).length() < 5e-3 * size, "node {i}: {difference} by differences, {image}");
+        }
+        for (rotated, force) in rotated.iter().zip(&forces) {
+            assert!((*rotated + turn.cross(force.turned)).length() < 1e-4 * size * 0.02, "{rotated} from {}", force.turned);
+            assert!((force.turned - force.elastic).length() < 1e-4 * size * 0.02);
+        }
+    }
+}
