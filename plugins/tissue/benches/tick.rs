@@ -26,7 +26,9 @@ const REPEATS: usize = 5;
 fn main() {
     let only = std::env::var("BEAM_CELLS").ok().and_then(|c| c.parse::<u32>().ok());
     println!("cost: seconds a simulated second, the first after the load is dropped; cpu: the same on one thread by the scheduler's clock");
-    println!("tip: at rest, with the same settings, against static Newton on the same mesh; way: largest distance from the way of the tip with 16");
+    println!(
+        "tip: at rest, with the same settings, against static Newton on the same mesh; way: largest distance from the way of the tip with 16"
+    );
     println!("substeps and a tolerance of 1e-5, of the sag at rest; bytes: the body once warm");
     for ([n, m], reference) in REFERENCE.into_iter().filter(|([n, _], _)| only.is_none_or(|o| o == *n)) {
         let scene = Scene::beam(n, m);
@@ -35,7 +37,8 @@ fn main() {
         println!("\n{} tets", scene.mesh.tet_count());
         let implicit = |substeps, tolerance| TissueSettings { substeps, tolerance, ..Default::default() };
         let xpbd = |substeps| TissueSettings { solver: Solver::Xpbd, substeps, ..Default::default() };
-        for settings in [implicit(1, 0.1), implicit(1, 0.03), implicit(1, 0.003), implicit(2, 0.03), implicit(4, 0.01), xpbd(10), xpbd(40)] {
+        for settings in [implicit(1, 0.1), implicit(1, 0.03), implicit(1, 0.003), implicit(2, 0.03), implicit(4, 0.01), xpbd(10), xpbd(40)]
+        {
             scene.report(&settings, reference, &way);
         }
     }

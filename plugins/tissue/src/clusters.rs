@@ -161,9 +161,7 @@ impl Clusters {
             let beyond = piece.iter().flat_map(|c| &near[c]).map(|c| self.parent[*c as usize]).find(|p| *p != large);
             let to = match beyond {
                 Some(other) if piece.len() < LEAST_PIECE => other,
-                _ => {
-                    self.empty_large()
-                }
+                _ => self.empty_large(),
             };
             for c in piece {
                 self.children[large as usize].retain(|o| *o != c);
@@ -237,10 +235,15 @@ fn bisect(list: &mut [u32], most: usize, at: &dyn Fn(u32) -> DVec3) -> Vec<Vec<u
         list.sort_unstable();
         return vec![list.to_vec()];
     }
-    let (low, high) =
-        list.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), n| (low.min(at(*n)), high.max(at(*n))));
+    let (low, high) = list.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), n| (low.min(at(*n)), high.max(at(*n))));
     let size = high - low;
-    let axis = if size.x >= size.y && size.x >= size.z { 0 } else if size.y >= size.z { 1 } else { 2 };
+    let axis = if size.x >= size.y && size.x >= size.z {
+        0
+    } else if size.y >= size.z {
+        1
+    } else {
+        2
+    };
     list.sort_unstable_by(|a, b| at(*a)[axis].total_cmp(&at(*b)[axis]).then(a.cmp(b)));
     let (left, right) = list.split_at_mut(list.len() * (parts / 2) / parts);
     let mut all = bisect(left, most, at);
@@ -296,8 +299,7 @@ mod tests {
         let mut state = TissueState::at_rest(&mesh);
         let far: Vec<TetId> =
             mesh.iter().map(|(t, _)| t).filter(|t| mesh.points(*t).iter().map(|p| p.x).sum::<f64>() / 4.0 > 0.031).collect();
-        let near: std::collections::BTreeSet<_> =
-            mesh.iter().filter(|(t, _)| !far.contains(t)).flat_map(|(_, c)| c).collect();
+        let near: std::collections::BTreeSet<_> = mesh.iter().filter(|(t, _)| !far.contains(t)).flat_map(|(_, c)| c).collect();
         let mut twins = BTreeMap::new();
         for tet in far {
             let (corners, attributes) = (mesh.corners(tet), mesh.tet(tet));

@@ -119,7 +119,15 @@ impl Multilevel {
     }
 
     /// `z = B r`, zero where a node is not free; and the sum of the products of both.
-    pub(crate) fn apply(&mut self, clusters: &Clusters, rows: &Rows, x: &[Vec3A], r: &[Vec3A], z: &mut [Vec3A], partial: &mut [f32]) -> f64 {
+    pub(crate) fn apply(
+        &mut self,
+        clusters: &Clusters,
+        rows: &Rows,
+        x: &[Vec3A],
+        r: &[Vec3A],
+        z: &mut [Vec3A],
+        partial: &mut [f32],
+    ) -> f64 {
         self.small.par_iter_mut().zip(&clusters.nodes).with_min_len(64).for_each(|(small, nodes)| {
             let mut pull = Twist::default();
             for n in nodes {
@@ -260,8 +268,7 @@ fn gather(i: usize, own: usize, strip: &mut [f32], large: &[Large], large_of: &[
     };
     // The whole row moved by the own cluster's motions, less what is not in it.
     let whole = |axis: Vec3A| axis.cross(arm) * added - axis.cross(force) * scale;
-    let mut inside =
-        [Vec3A::X * added, Vec3A::Y * added, Vec3A::Z * added, whole(Vec3A::X), whole(Vec3A::Y), whole(Vec3A::Z)];
+    let mut inside = [Vec3A::X * added, Vec3A::Y * added, Vec3A::Z * added, whole(Vec3A::X), whole(Vec3A::Y), whole(Vec3A::Z)];
     for (j, block) in rows.row(i).filter(|(j, _)| large_of[*j] != own as u32) {
         for (s, c) in inside.iter_mut().zip(columns(block, x[j] - centre, scale)) {
             *s -= c;

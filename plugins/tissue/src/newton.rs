@@ -153,8 +153,7 @@ impl Newton {
                     if left <= ENOUGH {
                         break;
                     }
-                    // A comparison that a residual which is no number fails.
-                    if round == most && !(left <= WILD) {
+                    if round == most && (left > WILD || left.is_nan()) {
                         return Err(Astray::Wild);
                     }
                 }
@@ -257,12 +256,8 @@ impl Newton {
 
     /// What a substep makes least, J.
     fn energy(&self, body: &Body, inertia: f32) -> f64 {
-        let elastic: f64 = body
-            .elements
-            .iter()
-            .filter(|e| !e.is_empty())
-            .map(|e| e.energy(e.indices().map(|i| Vec3::from(self.x[i]))))
-            .sum();
+        let elastic: f64 =
+            body.elements.iter().filter(|e| !e.is_empty()).map(|e| e.energy(e.indices().map(|i| Vec3::from(self.x[i])))).sum();
         let away = |(x, y): (&Vec3A, &Vec3A)| f64::from((*x - *y).length_squared());
         let kinetic: f64 = self.x.iter().zip(&self.target).map(away).zip(&body.masses).map(|(d, m)| d * f64::from(*m)).sum();
         let springs: f64 = self.springs.iter().map(|s| f64::from(s.gap(&self.x).length_squared() * s.stiffness)).sum();

@@ -98,8 +98,7 @@ impl Rows {
             self.volumetric.resize(tet.index() + 1, Volumetric::default());
         }
         let m = element.material;
-        self.volumetric[tet.index()] =
-            Volumetric { stiffness: m.lambda / element.volume, target: m.a() * element.volume, mu: m.mu };
+        self.volumetric[tet.index()] = Volumetric { stiffness: m.lambda / element.volume, target: m.a() * element.volume, mu: m.mu };
     }
 
     /// Rebuilds the rows of these nodes, ascending, from a mesh and its elements.
@@ -254,7 +253,14 @@ impl Chunk {
 
     /// Assembles the rows of this chunk, the first node of which is `first`, at positions `x` (m); writes the forces. Returns how
     /// many corners of inverted tetrahedra there are.
-    pub(crate) fn assemble(&mut self, first: usize, constants: RowConstants<'_>, x: &[Vec3A], inertia: Inertia<'_>, out: &mut [Forces]) -> u32 {
+    pub(crate) fn assemble(
+        &mut self,
+        first: usize,
+        constants: RowConstants<'_>,
+        x: &[Vec3A],
+        inertia: Inertia<'_>,
+        out: &mut [Forces],
+    ) -> u32 {
         let mut inverted = 0;
         let mut usual = [[Vec3A::ZERO; 4]; USUAL];
         let mut longer = Vec::new();

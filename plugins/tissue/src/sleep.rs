@@ -49,16 +49,7 @@ impl Sleep {
 
     /// Looks at a body after a tick of `dt` s: its kinetic energy (J), mass (kg) and size (m). One that has been still for long falls asleep:
     /// its velocities become zero.
-    pub(crate) fn look(
-        &mut self,
-        state: &mut TissueState,
-        holds: &[Hold],
-        gravity: Vec3,
-        dt: f32,
-        kinetic: f64,
-        mass: f64,
-        size: f64,
-    ) {
+    pub(crate) fn look(&mut self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, kinetic: f64, mass: f64, size: f64) {
         let moves = holds.iter().any(|h| h.from != h.to);
         let furthest = state.positions.iter().fold(Vec3::ZERO, |most, x| most.max(x.abs())).max_element();
         let slow = SLOW * size + ROUNDING * f64::from(f32::EPSILON * furthest / dt);

@@ -48,7 +48,7 @@ fn free_fall() {
         let fall = start.y - centre(&body, &state).y;
         let euler = if solver == Solver::Xpbd { 9.81 / 2.0 / (60.0 * 20.0) } else { 0.0 };
         let expected: f64 = 9.81 / 2.0 + euler;
-        assert!((f64::from(fall) - expected).abs() < rounding(solver) * expected, "{solver:?}: {fall} m, expected {expected} m");
+        assert!((f64::from(fall) - expected).abs() < rounding(solver).max(3e-5) * expected, "{solver:?}: {fall} m, expected {expected} m");
         assert!(body.elastic_energy(&state).abs() < 1e-6, "nothing is strained by falling");
     }
 }
@@ -159,7 +159,8 @@ fn second_order_in_time() {
     let mesh = beam(6, 3);
     let body = Body::new(&mesh, &beam_material()).unwrap();
     let way = |substeps: u32| {
-        let settings = TissueSettings { substeps, tolerance: 1e-4, iterations: 200, drag_1_s: 0.0, viscosity_s: 0.004, ..Default::default() };
+        let settings =
+            TissueSettings { substeps, tolerance: 1e-4, iterations: 200, drag_1_s: 0.0, viscosity_s: 0.004, ..Default::default() };
         let (mut body, mut state) = (body.clone(), TissueState::at_rest(&mesh));
         (0..12)
             .map(|_| {

@@ -94,7 +94,7 @@ fn patch_test() {
 fn uniaxial_closed_form() {
     let size = 0.02;
     let mesh = block([2, 2, 2], [size, size, size]);
-    let mut body = Body::new(&mesh, &beam_material()).unwrap();
+    let body = Body::new(&mesh, &beam_material()).unwrap();
     let constants = body.elements()[0].material;
     let (mu, ratio) = (f64::from(constants.mu), f64::from(constants.mu) / f64::from(constants.lambda));
     for stretch in [0.6, 0.8, 1.25, 1.6, 2.0] {
