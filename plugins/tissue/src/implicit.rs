@@ -129,6 +129,7 @@ impl Implicit {
         settings: &TissueSettings,
     ) -> Result<(), Astray> {
         let length = STAGE * step.h;
+        self.newton.prepared = false;
         let first = Stage { length, reach: length + settings.viscosity_s, before: 0.0 };
         self.stage(body, state, holds, step, first, settings, Care::Usual)?;
         std::mem::swap(&mut self.first, &mut self.velocity);

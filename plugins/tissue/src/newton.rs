@@ -64,6 +64,8 @@ pub struct Newton {
     pub(crate) free: Vec<bool>,
     forces: Vec<Forces>,
     pub(crate) springs: Vec<Spring>,
+    /// Whether the coarse levels are good enough still: set to false at the beginning of a substep, in which inertia stays as it is.
+    pub(crate) prepared: bool,
     /// Iterations of conjugate gradients since this was last set to zero.
     pub(crate) iterations: u32,
 }
@@ -179,7 +181,10 @@ impl Newton {
             .with_min_len(GRAIN)
             .map(|(c, (chunk, forces))| chunk.assemble(c * CHUNK, constants, x, weights, forces))
             .sum();
-        self.levels.prepare(&self.clusters, &self.rows, &self.x, weights, &self.forces);
+        if !self.prepared || care == Care::Downhill {
+            self.levels.prepare(&self.clusters, &self.rows, &self.x, weights, &self.forces);
+            self.prepared = true;
+        }
         for (r, f) in self.gradients.residual.iter_mut().zip(&self.forces) {
             *r = f.elastic;
         }
