@@ -34,7 +34,7 @@ const STAGE: f32 = 1.0 - FRAC_1_SQRT_2;
 const STIFF: f32 = 100.0;
 
 /// Root mean square of the displacement, as a share of the body's size, that conjugate gradients do not care about.
-const FINE: f64 = 1e-7;
+const FINE: f64 = 1e-6;
 
 /// Everything the implicit solver keeps between ticks.
 #[derive(Clone, Debug, Default)]
@@ -129,7 +129,6 @@ impl Implicit {
         settings: &TissueSettings,
     ) -> Result<(), Astray> {
         let length = STAGE * step.h;
-        self.newton.prepared = false;
         let first = Stage { length, reach: length + settings.viscosity_s, before: 0.0 };
         self.stage(body, state, holds, step, first, settings, Care::Usual)?;
         std::mem::swap(&mut self.first, &mut self.velocity);

@@ -13,8 +13,22 @@ use crate::rows::{Forces, Inertia, Rows};
 use bevy_math::{Mat3A, Vec3A};
 use rayon::prelude::*;
 
-/// Share of its diagonal below which a pivot counts as zero: a motion that the nodes of a cluster cannot make.
-const SINGULAR: f32 = 1e-5;
+/// Share of the inertia of a motion below which its pivot is taken to be that: less there cannot be but by rounding, or where the energy is not convex.
+const LEAST: f32 = 0.5;
+
+/// The pivot of a motion with this inertia. Its inverse root is zero for a motion that the nodes of a cluster cannot make.
+fn inverse_root(pivot: f32, inertia: f32) -> f32 {
+    if inertia > 0.0 { pivot.max(LEAST * inertia).sqrt().recip() } else { 0.0 }
+}
+
+/// Adds the inertia of a node, `arm` away in radii from the middle of its cluster, in each of the rigid motions.
+fn add_inertia(sums: &mut [f32], arm: Vec3A, added: f32) {
+    let squares = arm * arm;
+    let turns = (Vec3A::splat(squares.element_sum()) - squares) * added;
+    for (sum, more) in sums.iter_mut().zip([added, added, added, turns.x, turns.y, turns.z]) {
+        *sum += more;
+    }
+}
 
 /// Rigid motions of a cluster.
 const RIGID: usize = 6;
@@ -66,6 +80,8 @@ pub struct Multilevel {
     large_of: Vec<u32>,
     /// The tangent of the large clusters, then its factor; rows of [`Multilevel::order`] numbers.
     dense: Vec<f32>,
+    /// Inertia of the motions of the large clusters, kg.
+    inertia: Vec<f32>,
     /// Right-hand side and solution of the large clusters.
     vector: Vec<f32>,
 }
@@ -89,7 +105,7 @@ impl Multilevel {
         self.small.resize(clusters.nodes.len(), Small::default());
         self.small.par_iter_mut().zip(&clusters.nodes).enumerate().with_min_len(64).for_each(|(c, (small, nodes))| {
             (small.centre, small.scale) = extent(nodes.iter().copied(), x);
-            factor_small(small, c as u32, nodes, clusters, rows, x, inertia.free);
+            factor_small(small, c as u32, nodes, clusters, rows, x, inertia);
         });
         self.large_of.clear();
         self.large_of.extend((0..x.len()).map(|n| if inertia.free[n] { clusters.large_of(n) } else { NONE }));
@@ -114,7 +130,14 @@ impl Multilevel {
                     }
                 }
             });
-            factor_dense(&mut self.dense, order);
+            self.inertia.clear();
+            self.inertia.resize(order, 0.0);
+            for ((children, large), sums) in clusters.children.iter().zip(&self.large).zip(self.inertia.chunks_mut(RIGID)) {
+                for n in children.iter().flat_map(|c| &clusters.nodes[*c as usize]).map(|n| *n as usize).filter(|n| inertia.free[*n]) {
+                    add_inertia(sums, (x[n] - large.centre) * large.scale, inertia.added[n]);
+                }
+            }
+            factor_dense(&mut self.dense, &self.inertia);
         }
     }
 
@@ -206,8 +229,9 @@ fn columns(block: Mat3A, arm: Vec3A, scale: f32) -> [Vec3A; RIGID] {
     [block.x_axis, block.y_axis, block.z_axis, turned(Vec3A::X), turned(Vec3A::Y), turned(Vec3A::Z)]
 }
 
-fn factor_small(small: &mut Small, own: u32, nodes: &[u32], clusters: &Clusters, rows: &Rows, x: &[Vec3A], free: &[bool]) {
+fn factor_small(small: &mut Small, own: u32, nodes: &[u32], clusters: &Clusters, rows: &Rows, x: &[Vec3A], Inertia { free, added, .. }: Inertia<'_>) {
     let mut m = [[0.0_f32; RIGID]; RIGID];
+    let mut inertia = [0.0_f32; RIGID];
     for i in nodes.iter().map(|n| *n as usize).filter(|n| free[*n]) {
         let mut sum = columns(rows.diagonal(i), x[i] - small.centre, small.scale);
         for (j, block) in rows.row(i).filter(|(j, _)| clusters.of_node[*j] == own && free[*j]) {
@@ -216,6 +240,7 @@ fn factor_small(small: &mut Small, own: u32, nodes: &[u32], clusters: &Clusters,
             }
         }
         let arm = (x[i] - small.centre) * small.scale;
+        add_inertia(&mut inertia, arm, added[i]);
         for (q, column) in sum.into_iter().enumerate() {
             let entries = Twist { straight: column, turn: arm.cross(column) }.array();
             for (row, e) in m.iter_mut().zip(entries) {
@@ -223,17 +248,14 @@ fn factor_small(small: &mut Small, own: u32, nodes: &[u32], clusters: &Clusters,
             }
         }
     }
-    let original: [f32; RIGID] = std::array::from_fn(|q| m[q][q]);
     for q in 0..RIGID {
         for p in 0..=q {
             let v = m[q][p] - m[q][..p].iter().zip(&m[p][..p]).map(|(a, b)| a * b).sum::<f32>();
             // The diagonal keeps its inverse, zero for a motion that is none.
             m[q][p] = if p < q {
                 v * m[p][p]
-            } else if v > SINGULAR * original[q] {
-                v.sqrt().recip()
             } else {
-                0.0
+                inverse_root(v, inertia[q])
             };
         }
     }
@@ -285,8 +307,9 @@ fn gather(i: usize, own: usize, strip: &mut [f32], large: &[Large], large_of: &[
     }
 }
 
-/// Factors the lower triangle of a dense matrix by rows in place; the diagonal keeps its inverse, zero where the matrix is singular.
-fn factor_dense(m: &mut [f32], order: usize) {
+/// Factors the lower triangle of a dense matrix by rows in place; the diagonal keeps its inverse, zero for a motion without inertia.
+fn factor_dense(m: &mut [f32], inertia: &[f32]) {
+    let order = inertia.len();
     for q in 0..order {
         let (above, rest) = m.split_at_mut(q * order);
         let row = &mut rest[..=q];
@@ -297,7 +320,7 @@ fn factor_dense(m: &mut [f32], order: usize) {
             row[p] = v * other[p];
         }
         let v = original - dot(&row[..q], &row[..q]);
-        row[q] = if v > SINGULAR * original { v.sqrt().recip() } else { 0.0 };
+        row[q] = inverse_root(v, inertia[q]);
     }
 }
 

@@ -18,7 +18,7 @@ const HALVINGS: u32 = 10;
 const TANGLED: usize = 400;
 
 /// Most steps of Newton's method of a stage that goes as usual. Nearly always one does.
-const USUAL_STEPS: u32 = 3;
+const USUAL_STEPS: u32 = 4;
 
 /// Most steps of Newton's method of a stage that has to be done carefully.
 const CAREFUL_STEPS: u32 = 6;
@@ -64,8 +64,6 @@ pub struct Newton {
     pub(crate) free: Vec<bool>,
     forces: Vec<Forces>,
     pub(crate) springs: Vec<Spring>,
-    /// Whether the coarse levels are good enough still: set to false at the beginning of a substep, in which inertia stays as it is.
-    pub(crate) prepared: bool,
     /// Iterations of conjugate gradients since this was last set to zero.
     pub(crate) iterations: u32,
 }
@@ -129,14 +127,15 @@ impl Newton {
             Care::Downhill => CAREFUL_STEPS,
         };
         let mut before = 0.0;
+        let mut convex = care == Care::Downhill;
         for round in 1..=most {
-            if self.assemble(care) * TANGLED > body.elements.len() && care == Care::Usual {
+            if self.assemble(convex) * TANGLED > body.elements.len() && care == Care::Usual {
                 return Err(Astray::Tangled);
             }
             self.balance(body, inertia);
             let system = System { rows: &self.rows, springs: &self.springs, clusters: &self.clusters, x: &self.x, free: &self.free };
             let solved = self.gradients.solve(system, &mut self.levels, stop);
-            if round == 1 {
+            if before <= 0.0 {
                 before = solved.before;
             }
             self.iterations += solved.iterations;
@@ -147,7 +146,11 @@ impl Newton {
             match care {
                 Care::Usual => {
                     if solved.negative {
-                        return Err(Astray::Wild);
+                        if round == most {
+                            return Err(Astray::Wild);
+                        }
+                        convex = true;
+                        continue;
                     }
                     self.go(1.0);
                     self.look(body, inertia);
@@ -170,8 +173,8 @@ impl Newton {
     }
 
     /// Assembles the tangent and the preconditioner at `x`; the residual becomes the elastic force. Returns the number of inverted elements.
-    fn assemble(&mut self, care: Care) -> usize {
-        let weights = Inertia { added: &self.added, free: &self.free, convex: care == Care::Downhill };
+    fn assemble(&mut self, convex: bool) -> usize {
+        let weights = Inertia { added: &self.added, free: &self.free, convex };
         let (chunks, constants) = self.rows.split();
         let x = &self.x;
         let inverted: u32 = chunks
@@ -181,10 +184,7 @@ impl Newton {
             .with_min_len(GRAIN)
             .map(|(c, (chunk, forces))| chunk.assemble(c * CHUNK, constants, x, weights, forces))
             .sum();
-        if !self.prepared || care == Care::Downhill {
-            self.levels.prepare(&self.clusters, &self.rows, &self.x, weights, &self.forces);
-            self.prepared = true;
-        }
+        self.levels.prepare(&self.clusters, &self.rows, &self.x, weights, &self.forces);
         for (r, f) in self.gradients.residual.iter_mut().zip(&self.forces) {
             *r = f.elastic;
         }
