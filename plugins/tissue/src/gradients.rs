@@ -35,8 +35,6 @@ pub(crate) struct System<'a> {
     pub springs: &'a [Spring],
     /// The clusters of the preconditioner.
     pub clusters: &'a Clusters,
-    /// Positions at which it was assembled, m.
-    pub x: &'a [Vec3A],
     /// Whether a node moves freely.
     pub free: &'a [bool],
 }
@@ -92,16 +90,16 @@ impl Gradients {
     }
 
     /// The size of the residual in the norm of the preconditioner, J.
-    pub(crate) fn size(&mut self, rows: &Rows, clusters: &Clusters, levels: &mut Multilevel, x: &[Vec3A]) -> f64 {
-        levels.apply(clusters, rows, x, &self.residual, &mut self.scaled, &mut self.partial)
+    pub(crate) fn size(&mut self, rows: &Rows, clusters: &Clusters, levels: &mut Multilevel) -> f64 {
+        levels.apply(clusters, rows, &self.residual, &mut self.scaled, &mut self.partial)
     }
 
     /// Solves `A solution = residual` from zero.
     pub(crate) fn solve(&mut self, system: System<'_>, levels: &mut Multilevel, stop: Stop) -> Solved {
-        let System { rows, clusters, x, .. } = system;
+        let System { rows, clusters, .. } = system;
         let Self { residual, solution, direction, image, scaled, partial } = self;
         solution.fill(Vec3A::ZERO);
-        let mut size = levels.apply(clusters, rows, x, residual, scaled, partial);
+        let mut size = levels.apply(clusters, rows, residual, scaled, partial);
         let enough = (size * f64::from(stop.tolerance).powi(2)).max(stop.least);
         direction.copy_from_slice(scaled);
         let mut solved = Solved { iterations: 0, negative: !size.is_finite(), before: size };
@@ -127,7 +125,7 @@ impl Gradients {
                         *r -= *q * length;
                     }
                 });
-            let next = levels.apply(clusters, rows, x, residual, scaled, partial);
+            let next = levels.apply(clusters, rows, residual, scaled, partial);
             let keep = (next / size) as f32;
             size = next;
             solved.iterations += 1;

@@ -75,6 +75,8 @@ struct Large {
 /// The coarse levels at the positions of a time step.
 #[derive(Clone, Debug, Default)]
 pub struct Multilevel {
+    /// Positions that the levels were prepared at, m: the rigid motions are those of there.
+    at: Vec<Vec3A>,
     small: Vec<Small>,
     large: Vec<Large>,
     large_of: Vec<u32>,
@@ -95,13 +97,16 @@ impl Multilevel {
     /// Bytes of all arrays.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.small.capacity() * size_of::<Small>()
+        16 * self.at.capacity()
+            + self.small.capacity() * size_of::<Small>()
             + self.large.capacity() * size_of::<Large>()
             + 4 * (self.large_of.capacity() + self.dense.capacity() + self.vector.capacity())
     }
 
     /// Takes the levels to the positions `x` (m) at which `rows` were assembled with `inertia`, which gave `forces`.
     pub(crate) fn prepare(&mut self, clusters: &Clusters, rows: &Rows, x: &[Vec3A], inertia: Inertia<'_>, forces: &[Forces]) {
+        self.at.clear();
+        self.at.extend_from_slice(x);
         self.small.resize(clusters.nodes.len(), Small::default());
         self.small.par_iter_mut().zip(&clusters.nodes).enumerate().with_min_len(64).for_each(|(c, (small, nodes))| {
             (small.centre, small.scale) = extent(nodes.iter().copied(), x);
@@ -142,15 +147,8 @@ impl Multilevel {
     }
 
     /// `z = B r`, zero where a node is not free; and the sum of the products of both.
-    pub(crate) fn apply(
-        &mut self,
-        clusters: &Clusters,
-        rows: &Rows,
-        x: &[Vec3A],
-        r: &[Vec3A],
-        z: &mut [Vec3A],
-        partial: &mut [f32],
-    ) -> f64 {
+    pub(crate) fn apply(&mut self, clusters: &Clusters, rows: &Rows, r: &[Vec3A], z: &mut [Vec3A], partial: &mut [f32]) -> f64 {
+        let x = &self.at;
         self.small.par_iter_mut().zip(&clusters.nodes).with_min_len(64).for_each(|(small, nodes)| {
             let mut pull = Twist::default();
             for n in nodes {
@@ -184,7 +182,7 @@ impl Multilevel {
             }
         }
         let size = crate::rows::CHUNK;
-        let small = &self.small;
+        let (small, x) = (&self.small, &self.at);
         z.par_chunks_mut(size)
             .zip(r.par_chunks(size))
             .zip(x.par_chunks(size))
@@ -229,7 +227,15 @@ fn columns(block: Mat3A, arm: Vec3A, scale: f32) -> [Vec3A; RIGID] {
     [block.x_axis, block.y_axis, block.z_axis, turned(Vec3A::X), turned(Vec3A::Y), turned(Vec3A::Z)]
 }
 
-fn factor_small(small: &mut Small, own: u32, nodes: &[u32], clusters: &Clusters, rows: &Rows, x: &[Vec3A], Inertia { free, added, .. }: Inertia<'_>) {
+fn factor_small(
+    small: &mut Small,
+    own: u32,
+    nodes: &[u32],
+    clusters: &Clusters,
+    rows: &Rows,
+    x: &[Vec3A],
+    Inertia { free, added, .. }: Inertia<'_>,
+) {
     let mut m = [[0.0_f32; RIGID]; RIGID];
     let mut inertia = [0.0_f32; RIGID];
     for i in nodes.iter().map(|n| *n as usize).filter(|n| free[*n]) {
@@ -252,11 +258,7 @@ fn factor_small(small: &mut Small, own: u32, nodes: &[u32], clusters: &Clusters,
         for p in 0..=q {
             let v = m[q][p] - m[q][..p].iter().zip(&m[p][..p]).map(|(a, b)| a * b).sum::<f32>();
             // The diagonal keeps its inverse, zero for a motion that is none.
-            m[q][p] = if p < q {
-                v * m[p][p]
-            } else {
-                inverse_root(v, inertia[q])
-            };
+            m[q][p] = if p < q { v * m[p][p] } else { inverse_root(v, inertia[q]) };
         }
     }
     small.factor = m;

@@ -133,7 +133,7 @@ impl Newton {
                 return Err(Astray::Tangled);
             }
             self.balance(body, inertia);
-            let system = System { rows: &self.rows, springs: &self.springs, clusters: &self.clusters, x: &self.x, free: &self.free };
+            let system = System { rows: &self.rows, springs: &self.springs, clusters: &self.clusters, free: &self.free };
             let solved = self.gradients.solve(system, &mut self.levels, stop);
             if before <= 0.0 {
                 before = solved.before;
@@ -154,7 +154,7 @@ impl Newton {
                     }
                     self.go(1.0);
                     self.look(body, inertia);
-                    let left = self.gradients.size(&self.rows, &self.clusters, &mut self.levels, &self.x) / before;
+                    let left = self.gradients.size(&self.rows, &self.clusters, &mut self.levels) / before;
                     if left <= ENOUGH {
                         break;
                     }
