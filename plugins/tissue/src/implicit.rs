@@ -34,7 +34,7 @@ const STAGE: f32 = 1.0 - FRAC_1_SQRT_2;
 const STIFF: f32 = 100.0;
 
 /// Root mean square of the displacement, as a share of the body's size, that conjugate gradients do not care about.
-const FINE: f64 = 1e-6;
+const FINE: f64 = 3e-7;
 
 /// Everything the implicit solver keeps between ticks.
 #[derive(Clone, Debug, Default)]

@@ -26,6 +26,9 @@ const CAREFUL_STEPS: u32 = 6;
 /// Share of the square of the residual that a stage may leave.
 const ENOUGH: f64 = 0.04;
 
+/// Multiple of the size of residual at which conjugate gradients stop that a stage may leave: there is hardly more than rounding in it.
+const ROUNDING: f64 = 16.0;
+
 /// Share of the square of the residual that is too much after all of them.
 const WILD: f64 = 0.5;
 
@@ -154,8 +157,9 @@ impl Newton {
                     }
                     self.go(1.0);
                     self.look(body, inertia);
-                    let left = self.gradients.size(&self.rows, &self.clusters, &mut self.levels) / before;
-                    if left <= ENOUGH {
+                    let size = self.gradients.size(&self.rows, &self.clusters, &mut self.levels);
+                    let left = size / before;
+                    if left <= ENOUGH || size <= ROUNDING * stop.least {
                         break;
                     }
                     if round == most && (left > WILD || left.is_nan()) {
