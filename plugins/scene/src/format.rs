@@ -311,13 +311,13 @@ impl Default for SceneCut {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SceneTissue {
-    /// Substeps a tick; above 0. Default 10.
+    /// Substeps a tick; above 0. Default 1.
     pub substeps: u32,
 }
 
 impl Default for SceneTissue {
     fn default() -> Self {
-        Self { substeps: 10 }
+        Self { substeps: 1 }
     }
 }
 

@@ -68,6 +68,7 @@ pub fn adopt(
     delta: &TopologyDelta,
     departed: impl FnOnce(&TissueState) -> Momentum,
 ) -> Adopted {
+    body.wake();
     let reshaped = delta.reshaped(mesh.topology());
     let touched = touched_nodes(body, mesh, delta, &reshaped);
     let before = momentum_of(body, state, &touched);
@@ -97,6 +98,7 @@ pub fn adopt(
     for node in &touched {
         body.lump(mesh, *node);
     }
+    body.implicit.newton.adopt(mesh, &body.elements, delta, &reshaped, &touched);
 
     let left = departed(state);
     let after = momentum_of(body, state, &touched).plus(left);

@@ -4,9 +4,11 @@ use crate::colouring::Colouring;
 use crate::element::Element;
 use crate::graph::EdgeGraph;
 use crate::hold::Hold;
+use crate::implicit::Implicit;
 use crate::material::{MaterialError, NeoHookean};
 use crate::settings::{Solver, TissueSettings};
-use crate::{rescue, semi_implicit, xpbd};
+use crate::sleep::Sleep;
+use crate::{implicit, xpbd};
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
@@ -22,6 +24,10 @@ pub struct Body {
     pub(crate) colouring: Colouring,
     /// Edges of the elements.
     pub(crate) graph: EdgeGraph,
+    /// What the implicit solver keeps.
+    pub(crate) implicit: Implicit,
+    /// Whether the body sleeps.
+    pub(crate) sleep: Sleep,
     /// Constants and density (kg/m3) by material id.
     materials: Vec<(NeoHookean, f64)>,
 }
@@ -85,6 +91,7 @@ impl Body {
         for node in mesh.nodes() {
             body.lump(mesh, node);
         }
+        body.implicit.newton.build(mesh, &body.elements);
         Ok(body)
     }
 
@@ -106,15 +113,49 @@ impl Body {
         &self.colouring
     }
 
-    /// Steps the body over one tick of `dt` s under gravity (m/s2). Nothing here looks whether the result is finite: see [`crate::Guard`].
-    pub fn step(&self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+    /// Steps the body over one tick of `dt` s under gravity (m/s2), unless it sleeps. Nothing here looks whether the result is finite: see [`crate::Guard`].
+    pub fn step(&mut self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+        if self.is_asleep(state, holds, gravity) {
+            return;
+        }
         match settings.solver {
-            Solver::SemiImplicit if rescue::is_tangled(self, state) => {
-                xpbd::step(self, state, holds, gravity, dt, &rescue::settings(self, settings));
-            }
-            Solver::SemiImplicit => semi_implicit::step(self, state, holds, gravity, dt, settings),
+            Solver::Implicit => implicit::step(self, state, holds, gravity, dt, settings),
             Solver::Xpbd => xpbd::step(self, state, holds, gravity, dt, settings),
         }
+        if settings.sleep {
+            let mass = self.masses.iter().map(|m| f64::from(*m)).sum();
+            let (kinetic, size) = (self.kinetic_energy(state), self.size(mass));
+            self.sleep.look(state, holds, gravity, dt, kinetic, mass, size);
+        }
+    }
+
+    /// Whether a step would do nothing: the body has been still for half a second and nothing has changed since.
+    #[must_use]
+    pub fn is_asleep(&self, state: &TissueState, holds: &[Hold], gravity: Vec3) -> bool {
+        self.sleep.holds_on(state, holds, gravity)
+    }
+
+    /// Wakes a body that sleeps: something is about to touch it. Holds that change and topology changes wake it by themselves.
+    pub fn wake(&mut self) {
+        self.sleep.wake();
+    }
+
+    /// The corners of the box around a body that sleeps, m.
+    #[must_use]
+    pub fn sleeping_bounds(&self) -> Option<(Vec3, Vec3)> {
+        self.sleep.bounds()
+    }
+
+    /// Bytes that the implicit solver keeps for this body: everything that a body on its own has but masses and elements.
+    #[must_use]
+    pub fn solver_bytes(&self) -> usize {
+        self.implicit.bytes() + self.masses.capacity() * 4
+    }
+
+    /// Iterations of conjugate gradients of the last tick of the implicit solver, and its substeps that had to be done carefully.
+    #[must_use]
+    pub fn solver_report(&self) -> (u32, u32) {
+        (self.implicit.newton.iterations, self.implicit.careful)
     }
 
     /// Edges of the elements.
@@ -126,9 +167,8 @@ impl Body {
     /// Elastic forces on the nodes, N.
     #[must_use]
     pub fn forces(&self, state: &TissueState) -> Vec<Vec3> {
-        let mut forces = vec![Vec3A::ZERO; state.positions.len()];
-        semi_implicit::elastic(self, state, 0.0, &mut forces);
-        forces.into_iter().map(Vec3::from).collect()
+        let x: Vec<Vec3A> = state.positions.iter().map(|x| Vec3A::from(*x)).collect();
+        self.implicit.newton.forces(&x).into_iter().map(Vec3::from).collect()
     }
 
     /// Momentum of the whole body.
@@ -170,6 +210,11 @@ impl Body {
         around.sort_unstable();
         let mass: f64 = around.iter().map(|t| self.material(mesh, *t).1 * mesh.volume(*t) / 4.0).sum();
         self.masses[node.index()] = mass as f32;
+    }
+
+    /// A length of the body of this mass (kg): the edge of the cube of its volume, m.
+    pub(crate) fn size(&self, mass: f64) -> f64 {
+        self.materials.first().map_or(0.0, |(_, density)| (mass / density).cbrt())
     }
 
     fn material(&self, mesh: &TetMesh, tet: TetId) -> (NeoHookean, f64) {

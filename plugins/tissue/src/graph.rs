@@ -1,4 +1,4 @@
-//! The edges of a mesh as a graph, kept up to date element by element: where the sparse matrix of [`crate::metric`] has its entries.
+//! The edges of a mesh as a graph, kept up to date element by element: for models that have springs there.
 
 use keyhole_tetmesh::{EDGES, EdgeKey, NodeId};
 use rustc_hash::FxHashMap;

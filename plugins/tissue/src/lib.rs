@@ -3,18 +3,22 @@
 pub mod adopt;
 pub mod beam;
 pub mod body;
+pub mod clusters;
 pub mod colouring;
-pub mod conjugate;
 pub mod element;
+pub mod gradients;
 pub mod graph;
 pub mod guard;
 pub mod hold;
+pub mod implicit;
 pub mod material;
-pub mod metric;
+pub mod multilevel;
+pub mod newton;
 pub mod plugin;
 pub mod rescue;
-pub mod semi_implicit;
+pub mod rows;
 pub mod settings;
+pub mod sleep;
 pub mod xpbd;
 
 pub use body::{Body, Momentum};

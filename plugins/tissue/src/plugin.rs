@@ -176,6 +176,14 @@ fn step_organs(
     mut organs: Query<(Entity, &mut TissueState, &mut TissueBody, &Attachments), Without<Quarantined>>,
 ) {
     let dt = time.timestep().as_secs_f32();
+    let moving: Vec<(Vec3, Vec3)> =
+        tools.iter().filter(|p| p.now != p.before).map(|p| (p.before.translation.into(), p.now.translation.into())).collect();
+    for (_, _, mut body, _) in &mut organs {
+        let near = body.body.sleeping_bounds().is_some_and(|bounds| moving.iter().any(|path| comes_near(*path, bounds)));
+        if near {
+            body.body.wake();
+        }
+    }
     let mut jobs: Vec<_> = organs
         .iter_mut()
         .map(|(organ, state, body, attachments)| {
@@ -187,6 +195,9 @@ fn step_organs(
     let failures: Vec<Option<NodeId>> = jobs
         .par_iter_mut()
         .map(|(_, state, body, holds)| {
+            if body.body.is_asleep(state, holds, gravity.0) {
+                return None;
+            }
             let TissueBody { body, guard } = &mut **body;
             // What comes in broken is not stepped: what goes out would name the wrong node.
             guard.check(state).or_else(|| {
@@ -205,6 +216,12 @@ fn step_organs(
         report.quarantined.push(*organ);
         commands.entity(*organ).insert(Quarantined { time_s: time.elapsed_secs_f64(), node });
     }
+}
+
+/// Whether the way of a tool's tip in a tick leads past a box: nearer than its own extent.
+fn comes_near((from, to): (Vec3, Vec3), (low, high): (Vec3, Vec3)) -> bool {
+    let margin = Vec3::splat((high - low).max_element());
+    from.min(to).cmple(high + margin).all() && from.max(to).cmpge(low - margin).all()
 }
 
 /// Attachments with their anchors in the world; one whose instrument or node is gone holds nothing.

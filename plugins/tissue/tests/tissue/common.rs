@@ -45,6 +45,22 @@ pub fn separate(mesh: &mut TetMesh, cut: f64) {
     }
 }
 
+/// Cuts the section at `x` above the height `y`: its nodes get twins on the far side.
+pub fn slit(mesh: &mut TetMesh, x: f64, y: f64) {
+    let tets: Vec<TetId> = mesh.iter().map(|(t, _)| t).collect();
+    let cut = |mesh: &TetMesh, n: NodeId| (mesh.rest(n).x - x).abs() < 1e-6 && mesh.rest(n).y > y;
+    let mut twins: std::collections::BTreeMap<NodeId, NodeId> = Default::default();
+    for tet in tets {
+        let (corners, attributes) = (mesh.corners(tet), mesh.tet(tet));
+        let beyond = mesh.points(tet).iter().map(|p| p.x).sum::<f64>() / 4.0 > x;
+        if beyond && corners.iter().any(|n| cut(mesh, *n)) {
+            mesh.remove_tet(tet);
+            let own = corners.map(|n| if cut(mesh, n) { *twins.entry(n).or_insert_with(|| mesh.split_node(n)) } else { n });
+            mesh.add_tet(own, attributes);
+        }
+    }
+}
+
 /// Numbers in [0, 1), the same every time.
 pub fn random() -> impl FnMut() -> f32 {
     let mut s = 1_u32;
@@ -55,7 +71,7 @@ pub fn random() -> impl FnMut() -> f32 {
 }
 
 /// Runs ticks of 1/60 s; the state must stay finite.
-pub fn run(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, settings: &TissueSettings, ticks: u32) {
+pub fn run(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, settings: &TissueSettings, ticks: u32) {
     for tick in 0..ticks {
         body.step(state, holds, gravity, 1.0 / 60.0, settings);
         assert!(state.positions.iter().all(|x| x.is_finite()), "not finite at tick {tick}");

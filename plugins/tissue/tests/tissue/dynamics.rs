@@ -1,6 +1,6 @@
 //! Motion: momentum, free fall, repeatability, recovery.
 
-use crate::common::{random, run, separate, split_edge, split_edges};
+use crate::common::{random, run, separate, slit, split_edge, split_edges};
 use bevy_math::Vec3;
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_tissue::adopt::adopt;
@@ -8,7 +8,7 @@ use keyhole_tissue::beam::{GRAVITY, beam, beam_material, block, clamp, tip_mm};
 use keyhole_tissue::{Body, Guard, Momentum, Solver, TissueSettings};
 use keyhole_whiteboard::TissueState;
 
-const SOLVERS: [Solver; 2] = [Solver::SemiImplicit, Solver::Xpbd];
+const SOLVERS: [Solver; 2] = [Solver::Implicit, Solver::Xpbd];
 
 fn settings(solver: Solver) -> TissueSettings {
     TissueSettings { solver, substeps: 20, drag_1_s: 0.0, ..Default::default() }
@@ -17,7 +17,7 @@ fn settings(solver: Solver) -> TissueSettings {
 /// Extended position-based dynamics takes velocities from differences of positions, in f32.
 fn rounding(solver: Solver) -> f64 {
     match solver {
-        Solver::SemiImplicit => 1e-5,
+        Solver::Implicit => 1e-5,
         Solver::Xpbd => 2e-3,
     }
 }
@@ -40,15 +40,15 @@ fn centre(body: &Body, state: &TissueState) -> Vec3 {
 #[test]
 fn free_fall() {
     let mesh = beam(6, 3);
-    let body = Body::new(&mesh, &beam_material()).unwrap();
+    let mut body = Body::new(&mesh, &beam_material()).unwrap();
     for solver in SOLVERS {
         let mut state = TissueState::at_rest(&mesh);
         let start = centre(&body, &state);
-        run(&body, &mut state, &[], GRAVITY, &settings(solver), 60);
+        run(&mut body, &mut state, &[], GRAVITY, &settings(solver), 60);
         let fall = start.y - centre(&body, &state).y;
         let euler = if solver == Solver::Xpbd { 9.81 / 2.0 / (60.0 * 20.0) } else { 0.0 };
         let expected: f64 = 9.81 / 2.0 + euler;
-        assert!((f64::from(fall) - expected).abs() < rounding(solver) * expected, "{solver:?}: {fall} m, expected {expected} m");
+        assert!((f64::from(fall) - expected).abs() < rounding(solver).max(3e-5) * expected, "{solver:?}: {fall} m, expected {expected} m");
         assert!(body.elastic_energy(&state).abs() < 1e-6, "nothing is strained by falling");
     }
 }
@@ -78,7 +78,7 @@ fn momentum_stays_across_cuts() {
                 assert!((after.mass / before.mass - 1.0).abs() < 1e-6, "tick {tick}: mass");
                 assert!(adopted.relative_error() < 1e-6, "{adopted:?}");
             }
-            run(&body, &mut state, &[], Vec3::ZERO, &settings(solver), 1);
+            run(&mut body, &mut state, &[], Vec3::ZERO, &settings(solver), 1);
         }
         let end = body.momentum(&state);
         assert!(
@@ -95,60 +95,168 @@ fn momentum_stays_across_cuts() {
     }
 }
 
-/// The same bits twice, and on one thread as on two.
+/// The same bits twice, and on one thread as on two, held and free, on a mesh that is large enough to be shared out.
 #[test]
 fn same_bits_whatever_the_threads() {
-    let mesh = beam(6, 3);
+    let mesh = beam(16, 8);
     let body = Body::new(&mesh, &beam_material()).unwrap();
     for solver in SOLVERS {
-        let bits = |threads: usize| -> Vec<[u32; 3]> {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let mut state = stirred(&mesh);
-                run(&body, &mut state, &clamp(&mesh), GRAVITY, &settings(solver), 30);
-                state.positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect()
-            })
-        };
-        assert_eq!(bits(1), bits(1), "{solver:?} twice");
-        assert_eq!(bits(1), bits(2), "{solver:?} on 1 and 2 threads");
+        for holds in [clamp(&mesh), Vec::new()] {
+            let bits = |threads: usize| -> Vec<[u32; 3]> {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| {
+                    let mut state = stirred(&mesh);
+                    let settings = TissueSettings { substeps: 2, ..settings(solver) };
+                    run(&mut body.clone(), &mut state, &holds, GRAVITY, &settings, 8);
+                    state.positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect()
+                })
+            };
+            let one = bits(1);
+            assert_eq!(one, bits(1), "{solver:?} twice");
+            assert_eq!(one, bits(2), "{solver:?} on 1 and 2 threads");
+            assert_eq!(one, bits(3), "{solver:?} on 1 and 3 threads");
+        }
     }
 }
 
-/// A node pushed through the opposite faces of its tetrahedra comes back, and so does a beam whose free nodes are all scrambled.
+/// A node pushed through the opposite faces of its tetrahedra comes back, and so does a beam whose free nodes are all scrambled, all in one
+/// point, mirrored or pressed flat: with the default settings to where it hangs.
 #[test]
 fn recovers_from_inversion() {
-    for solver in SOLVERS {
-        let mesh = beam(10, 5);
-        let body = Body::new(&mesh, &beam_material()).unwrap();
-        for scrambled in [false, true] {
-            let mut state = TissueState::at_rest(&mesh);
-            if scrambled {
-                let mut r = random();
-                for p in state.positions.iter_mut().filter(|p| p.x > 0.0) {
-                    *p = Vec3::new(r() * 0.06, r() * 0.03, r() * 0.03);
-                }
-            } else {
-                let (_, c) = mesh.iter().nth(600).unwrap();
-                state.positions[c[0].index()] =
-                    (state.position(c[1]) + state.position(c[2]) + state.position(c[3])) / 3.0 * 2.0 - state.position(c[0]);
-            }
-            let settings = TissueSettings { drag_1_s: 6.0, ..settings(solver) };
-            run(&body, &mut state, &clamp(&mesh), GRAVITY, &settings, 240);
-            let inverted = mesh
-                .iter()
-                .filter(|(t, _)| body.elements()[t.index()].deformation(mesh.corners(*t).map(|n| state.position(n))).determinant() <= 0.0);
-            assert_eq!(inverted.count(), 0, "{solver:?}, scrambled {scrambled}");
-            let tip = tip_mm(&mesh, &state);
-            assert!((tip / -21.763 - 1.0).abs() < 0.01, "{solver:?}, scrambled {scrambled}: {tip} mm");
+    let mesh = beam(10, 5);
+    let (_, c) = mesh.iter().nth(600).unwrap();
+    let rest = TissueState::at_rest(&mesh);
+    let through = (rest.position(c[1]) + rest.position(c[2]) + rest.position(c[3])) / 3.0 * 2.0 - rest.position(c[0]);
+    let mut r = random();
+    let mut scrambled = || Vec3::new(r() * 0.06, r() * 0.03, r() * 0.03);
+    let mut broken: Vec<(&str, Box<dyn FnMut(usize, Vec3) -> Vec3>)> = vec![
+        ("one node", Box::new(|i, p| if i == c[0].index() { through } else { p })),
+        ("scrambled", Box::new(|_, _| scrambled())),
+        ("in one point", Box::new(|_, _| Vec3::new(0.03, 0.015, 0.015))),
+        ("mirrored", Box::new(|_, p| Vec3::new(-p.x, p.y, p.z))),
+        ("flat", Box::new(|_, p| Vec3::new(p.x, p.y, 0.015))),
+    ];
+    for (name, place) in &mut broken {
+        let mut body = Body::new(&mesh, &beam_material()).unwrap();
+        let mut state = TissueState::at_rest(&mesh);
+        for (i, p) in state.positions.iter_mut().enumerate().filter(|(_, p)| p.x > 0.0) {
+            *p = place(i, *p);
         }
+        let settings = TissueSettings { drag_1_s: 6.0, ..Default::default() };
+        run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &settings, 240);
+        let inverted = mesh
+            .iter()
+            .filter(|(t, _)| body.elements()[t.index()].deformation(mesh.corners(*t).map(|n| state.position(n))).determinant() <= 0.0);
+        assert_eq!(inverted.count(), 0, "{name}");
+        let tip = tip_mm(&mesh, &state);
+        assert!((tip / -21.763 - 1.0).abs() < 1e-3, "{name}: {tip} mm");
     }
+}
+
+/// Halving the step quarters the error of the way of the tip: the solver is of second order.
+#[test]
+fn second_order_in_time() {
+    let mesh = beam(6, 3);
+    let body = Body::new(&mesh, &beam_material()).unwrap();
+    let way = |substeps: u32| {
+        let settings =
+            TissueSettings { substeps, tolerance: 1e-4, iterations: 200, drag_1_s: 0.0, viscosity_s: 0.004, ..Default::default() };
+        let (mut body, mut state) = (body.clone(), TissueState::at_rest(&mesh));
+        (0..12)
+            .map(|_| {
+                run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &settings, 1);
+                tip_mm(&mesh, &state)
+            })
+            .collect::<Vec<_>>()
+    };
+    let exact = way(64);
+    let error = |substeps: u32| way(substeps).iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let (coarse, fine) = (error(2), error(4));
+    assert!(coarse > 3.0 * fine, "{coarse} mm with 2 substeps, {fine} mm with 4");
+}
+
+/// A beam that hangs is slit to half its height: the body that adopted the cut goes the way of one built from the slit mesh, and hangs where it does.
+#[test]
+fn a_slit_beam_goes_on() {
+    let mut mesh = beam(10, 5);
+    let mut body = Body::new(&mesh, &beam_material()).unwrap();
+    let mut state = TissueState::at_rest(&mesh);
+    run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &TissueSettings { drag_1_s: 8.0, ..Default::default() }, 120);
+    let whole = tip_mm(&mesh, &state);
+    slit(&mut mesh, 0.03, 0.015);
+    let delta = mesh.take_delta();
+    adopt(&mut body, &mut state, &mesh, &delta, |_| Momentum::default());
+    let mut fresh = Body::new(&mesh, &beam_material()).unwrap();
+    let mut other = state.clone();
+    for tick in 0..180 {
+        run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &TissueSettings::default(), 1);
+        let exact = TissueSettings { tolerance: 1e-3, ..Default::default() };
+        run(&mut fresh, &mut other, &clamp(&mesh), GRAVITY, &exact, 1);
+        let (adopted, built) = (tip_mm(&mesh, &state), tip_mm(&mesh, &other));
+        assert!((adopted - built).abs() < 0.02 * built.abs(), "tick {tick}: {adopted} mm, {built} mm");
+    }
+    assert!(tip_mm(&mesh, &state) < 1.2 * whole, "it hangs lower than before it was slit");
+}
+
+/// Iterations of conjugate gradients do not grow with the mesh, nor by a cut.
+#[test]
+fn iterations_stay() {
+    let iterations = |n: u32, m: u32, cut: bool| {
+        let mut mesh = beam(n, m);
+        let mut body = Body::new(&mesh, &beam_material()).unwrap();
+        let mut state = TissueState::at_rest(&mesh);
+        if cut {
+            slit(&mut mesh, 0.03, 0.015);
+            split_edges(&mut mesh, 9, 0.3);
+            let delta = mesh.take_delta();
+            adopt(&mut body, &mut state, &mesh, &delta, |_| Momentum::default());
+        }
+        let settings = TissueSettings { tolerance: 0.01, iterations: 500, ..Default::default() };
+        (0..10)
+            .map(|_| {
+                run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &settings, 1);
+                body.solver_report().0
+            })
+            .sum::<u32>()
+    };
+    let (coarse, fine, cut) = (iterations(8, 4, false), iterations(16, 8, false), iterations(16, 8, true));
+    assert!(fine < 2 * coarse, "{coarse} on 640 tetrahedra, {fine} on 5120");
+    assert!(cut < 2 * fine, "{fine} whole, {cut} cut");
+}
+
+/// A body that is still is left alone, to the bit, until something about it changes.
+#[test]
+fn still_bodies_sleep() {
+    let mesh = beam(6, 3);
+    let mut body = Body::new(&mesh, &beam_material()).unwrap();
+    let mut state = TissueState::at_rest(&mesh);
+    let (mut holds, settings) = (clamp(&mesh), TissueSettings { drag_1_s: 8.0, ..Default::default() });
+    run(&mut body, &mut state, &holds, GRAVITY, &settings, 20);
+    assert!(!body.is_asleep(&state, &holds, GRAVITY), "it swings");
+    run(&mut body, &mut state, &holds, GRAVITY, &settings, 400);
+    assert!(body.is_asleep(&state, &holds, GRAVITY));
+    let asleep = tip_mm(&mesh, &state);
+    let before = state.clone();
+    run(&mut body, &mut state, &holds, GRAVITY, &settings, 10);
+    assert_eq!(state, before);
+    // It slept where it would have come to rest.
+    let awake = TissueSettings { sleep: false, ..settings };
+    body.wake();
+    run(&mut body, &mut state, &holds, GRAVITY, &awake, 240);
+    assert!((tip_mm(&mesh, &state) / asleep - 1.0).abs() < 1e-3, "{} mm awake, {asleep} mm asleep", tip_mm(&mesh, &state));
+    // A hold that goes wakes it.
+    run(&mut body, &mut state, &holds, GRAVITY, &settings, 60);
+    assert!(body.is_asleep(&state, &holds, GRAVITY));
+    holds.pop();
+    assert!(!body.is_asleep(&state, &holds, GRAVITY));
+    assert!(!body.is_asleep(&state, &clamp(&mesh), -GRAVITY));
 }
 
 /// A state that leaves the finite numbers is put back, at rest, and the node is named.
 #[test]
 fn non_finite_state_is_put_back() {
     let mesh = block([2, 2, 2], [0.02, 0.02, 0.02]);
-    let body = Body::new(&mesh, &beam_material()).unwrap();
+    let mut body = Body::new(&mesh, &beam_material()).unwrap();
     let mut state = TissueState::at_rest(&mesh);
     let mut guard = Guard::default();
     assert_eq!(guard.check(&mut state), None);

@@ -8,9 +8,9 @@ use keyhole_tissue::{Body, Hold, Solver, TissueSettings};
 use keyhole_whiteboard::TissueState;
 
 fn settle(mesh: &TetMesh, settings: &TissueSettings, ticks: u32) -> f64 {
-    let body = Body::new(mesh, &beam_material()).unwrap();
+    let mut body = Body::new(mesh, &beam_material()).unwrap();
     let mut state = TissueState::at_rest(mesh);
-    run(&body, &mut state, &clamp(mesh), GRAVITY, settings, ticks);
+    run(&mut body, &mut state, &clamp(mesh), GRAVITY, settings, ticks);
     tip_mm(mesh, &state)
 }
 
@@ -20,7 +20,7 @@ fn cantilever_hangs_as_newton_says() {
     let mesh = beam(10, 5);
     for (settings, tolerance) in [
         (TissueSettings { drag_1_s: 6.0, ..Default::default() }, 2e-4),
-        (TissueSettings { drag_1_s: 6.0, substeps: 1, ..Default::default() }, 2e-4),
+        (TissueSettings { drag_1_s: 6.0, substeps: 3, ..Default::default() }, 2e-4),
         (TissueSettings { drag_1_s: 6.0, tolerance: 0.01, ..Default::default() }, 2e-4),
         (TissueSettings { drag_1_s: 6.0, solver: Solver::Xpbd, substeps: 20, ..Default::default() }, 0.01),
         (TissueSettings { drag_1_s: 6.0, solver: Solver::Xpbd, substeps: 60, ..Default::default() }, 1e-3),
@@ -36,9 +36,9 @@ fn slivers_do_not_matter() {
     let mut mesh = beam(10, 5);
     split_edges(&mut mesh, 5, 0.01);
     let settings = TissueSettings { drag_1_s: 6.0, ..Default::default() };
-    let body = Body::new(&mesh, &beam_material()).unwrap();
+    let mut body = Body::new(&mesh, &beam_material()).unwrap();
     let mut state = TissueState::at_rest(&mesh);
-    run(&body, &mut state, &clamp(&mesh), GRAVITY, &settings, 240);
+    run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &settings, 240);
     let tip = tip_mm(&mesh, &state);
     assert!((tip / -21.763 - 1.0).abs() < 0.005, "{tip} mm");
     assert!(body.kinetic_energy(&state) < 1e-8 * body.elastic_energy(&state), "it still moves");
@@ -51,10 +51,10 @@ fn stiff_tissue_is_stable_and_linear() {
     let tip = |young: f32| {
         let mut materials = beam_material();
         materials.0[0].young_modulus_pa = young;
-        let body = Body::new(&mesh, &materials).unwrap();
+        let mut body = Body::new(&mesh, &materials).unwrap();
         let mut state = TissueState::at_rest(&mesh);
         let settings = TissueSettings { drag_1_s: 6.0, ..Default::default() };
-        run(&body, &mut state, &clamp(&mesh), GRAVITY, &settings, 240);
+        run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &settings, 240);
         tip_mm(&mesh, &state)
     };
     let ratio = tip(1e6) / tip(1e7);
@@ -64,19 +64,19 @@ fn stiff_tissue_is_stable_and_linear() {
 /// Patch test: nodes of the boundary displaced linearly, the inner ones follow; on a mesh with slivers too.
 #[test]
 fn patch_test() {
-    for solver in [Solver::SemiImplicit, Solver::Xpbd] {
+    for solver in [Solver::Implicit, Solver::Xpbd] {
         for slivers in [false, true] {
             let mut mesh = block([3, 3, 3], [0.03, 0.03, 0.03]);
             if slivers {
                 split_edges(&mut mesh, 7, 0.2);
             }
-            let body = Body::new(&mesh, &beam_material()).unwrap();
+            let mut body = Body::new(&mesh, &beam_material()).unwrap();
             let linear = DMat3::from_cols(DVec3::new(1.10, 0.05, 0.0), DVec3::new(-0.08, 0.95, 0.02), DVec3::new(0.03, 0.0, 1.04));
             let holds: Vec<Hold> =
                 mesh.nodes().filter(|n| mesh.topology().is_boundary_node(*n)).map(|n| fix(n, (linear * mesh.rest(n)).as_vec3())).collect();
             let mut state = TissueState::at_rest(&mesh);
             let settings = TissueSettings { solver, substeps: 20, drag_1_s: 40.0, ..Default::default() };
-            run(&body, &mut state, &holds, Vec3::ZERO, &settings, 120);
+            run(&mut body, &mut state, &holds, Vec3::ZERO, &settings, 120);
             assert!(mesh.nodes().count() > holds.len(), "there are inner nodes");
             for n in mesh.nodes() {
                 let off = (state.position(n).as_dvec3() - linear * mesh.rest(n)).length();
@@ -121,17 +121,17 @@ fn uniaxial_closed_form() {
 #[test]
 fn holds_of_several_nodes() {
     let mesh = block([2, 2, 2], [0.02, 0.02, 0.02]);
-    let body = Body::new(&mesh, &beam_material()).unwrap();
+    let mut body = Body::new(&mesh, &beam_material()).unwrap();
     let weight = body.masses().iter().sum::<f32>() * 9.81;
     let (_, corners) = mesh.iter().next().unwrap();
     let centre = corners.iter().map(|n| mesh.rest(*n).as_vec3() * 0.25).sum::<Vec3>();
-    for solver in [Solver::SemiImplicit, Solver::Xpbd] {
+    for solver in [Solver::Implicit, Solver::Xpbd] {
         for compliance in [0.0, 0.05] {
             let point = corners.iter().map(|n| (*n, 0.25)).collect();
             let hold = Hold { point, from: centre, to: centre, compliance_m_n: compliance };
             let mut state = TissueState::at_rest(&mesh);
             let settings = TissueSettings { solver, substeps: 20, drag_1_s: 10.0, ..Default::default() };
-            run(&body, &mut state, std::slice::from_ref(&hold), GRAVITY, &settings, 600);
+            run(&mut body, &mut state, std::slice::from_ref(&hold), GRAVITY, &settings, 600);
             let now = hold.point.iter().map(|(n, w)| state.position(*n) * *w).sum::<Vec3>();
             let sag = centre.y - now.y;
             let off = (sag - weight * compliance).abs();
