@@ -4,6 +4,7 @@ use crate::adopt::adopt;
 use crate::body::{Body, Momentum};
 use crate::guard::Guard;
 use crate::hold::Hold;
+use crate::model::ModelState;
 use crate::settings::TissueSettings;
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
@@ -38,6 +39,8 @@ impl Plugin for TissuePlugin {
 pub struct TissueBody {
     /// Elements and masses.
     pub body: Body,
+    /// What the model keeps.
+    pub model: ModelState,
     guard: Guard,
 }
 
@@ -76,11 +79,13 @@ fn note_fragment(detached: On<FragmentDetached>, mut freed: ResMut<FreedFragment
 fn embody(
     mut commands: Commands,
     organs: Query<(Entity, &TissueMesh, &OrganMaterials, Option<&TissueState>), Without<TissueBody>>,
+    settings: Res<TissueSettings>,
 ) -> Result {
     for (organ, mesh, materials, state) in &organs {
         let body = Body::new(&mesh.0, materials)?;
+        let model = ModelState::new(settings.model, settings.capsule, &body, &mesh.0, materials)?;
         let mut entity = commands.entity(organ);
-        entity.insert(TissueBody { body, guard: Guard::default() });
+        entity.insert(TissueBody { body, model, guard: Guard::default() });
         if state.is_none_or(|s| s.positions.len() != mesh.0.node_slots() || s.velocities.len() != s.positions.len()) {
             entity.insert(TissueState::at_rest(&mesh.0));
         }
@@ -106,6 +111,7 @@ fn adopt_changes(
     mut report: ResMut<TissueReport>,
     mut organs: Query<(&TissueMesh, &mut TissueState, &mut TissueBody, &mut Attachments)>,
     fragments: Query<(&TissueMesh, &OrganMaterials)>,
+    settings: Res<TissueSettings>,
 ) -> Result {
     let mut waiting = std::mem::take(&mut freed.0);
     for TopologyChanged { organ, delta } in changes.read() {
@@ -135,6 +141,8 @@ fn adopt_changes(
             }
             departed
         });
+        let TissueBody { body: adopter, model, .. } = &mut *body;
+        model.adopt(adopter, &mesh.0, delta);
         report.adoptions += 1;
         report.momentum_jump = report.momentum_jump.max(adopted.relative_jump());
         report.momentum_error = report.momentum_error.max(adopted.relative_error());
@@ -142,7 +150,9 @@ fn adopt_changes(
             for v in &mut state.velocities {
                 *v += adopted.given_back;
             }
-            commands.entity(fragment.entity).insert((TissueBody { body, guard: Guard::default() }, state, held));
+            let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
+            let model = ModelState::new(settings.model, settings.capsule, &body, &mesh.0, materials)?;
+            commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default() }, state, held));
         }
     }
     // A fragment whose donor sent nothing this tick: its nodes are still the donor's.
@@ -152,7 +162,8 @@ fn adopt_changes(
         let held = attachments.split_off(&fragment.donor_nodes);
         let state = inherit(&donor, &fragment.donor_nodes);
         let body = Body::new(&mesh.0, materials)?;
-        commands.entity(fragment.entity).insert((TissueBody { body, guard: Guard::default() }, state, held));
+        let model = ModelState::new(settings.model, settings.capsule, &body, &mesh.0, materials)?;
+        commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default() }, state, held));
     }
     Ok(())
 }
@@ -187,10 +198,10 @@ fn step_organs(
     let failures: Vec<Option<NodeId>> = jobs
         .par_iter_mut()
         .map(|(_, state, body, holds)| {
-            let TissueBody { body, guard } = &mut **body;
+            let TissueBody { body, model, guard } = &mut **body;
             // What comes in broken is not stepped: what goes out would name the wrong node.
             guard.check(state).or_else(|| {
-                body.step(state, holds, gravity.0, dt, &settings);
+                model.step(body, state, holds, gravity.0, dt, &settings);
                 guard.check(state)
             })
         })

@@ -4,5 +4,7 @@
 
 mod common;
 mod dynamics;
+mod models;
+mod reference;
 mod statics;
 mod tick;
