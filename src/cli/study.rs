@@ -2,10 +2,10 @@
 
 use crate::cli::Failure;
 use crate::report::folder::Folder;
-use crate::study::plan::{CELLS_MM, Plan, phantom_kidneys, read_mesh};
 use crate::study::contender::Contender;
 use crate::study::filmed::{self, FilmError};
 use crate::study::hardship::Hardship;
+use crate::study::plan::{CELLS_MM, Plan, phantom_kidneys, read_mesh};
 use crate::study::specimen::Case;
 use crate::study::strokes::Stroke;
 use crate::study::trade::{self, TradePlan};

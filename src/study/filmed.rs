@@ -297,12 +297,30 @@ impl Filmed {
             for (take, t) in takes.iter().enumerate() {
                 let name = format!("film {}", ["a", "b"].get(take).copied().unwrap_or("?"));
                 let number = |x: f64| format!("{x:.4}");
-                writer.write_record([name, String::new(), load.to_string(), number(t.sag_mm), String::new(), number(t.period_s), number(t.damping)]).map_err(named)?;
+                writer
+                    .write_record([
+                        name,
+                        String::new(),
+                        load.to_string(),
+                        number(t.sag_mm),
+                        String::new(),
+                        number(t.period_s),
+                        number(t.damping),
+                    ])
+                    .map_err(named)?;
             }
         }
         for r in &self.rows {
             let period = r.period_s.map(|p| format!("{p:.4}")).unwrap_or_default();
-            let record = [r.who.clone(), r.tets.to_string(), r.load_n.to_string(), format!("{:.4}", r.sag_mm), format!("{:.4}", r.error), period, String::new()];
+            let record = [
+                r.who.clone(),
+                r.tets.to_string(),
+                r.load_n.to_string(),
+                format!("{:.4}", r.sag_mm),
+                format!("{:.4}", r.error),
+                period,
+                String::new(),
+            ];
             writer.write_record(record).map_err(named)?;
         }
         writer.flush().map_err(|e| named(e.into()))
@@ -316,7 +334,12 @@ impl Filmed {
             .iter()
             .map(|(load, takes)| {
                 let each = |f: fn(&Take) -> String| takes.iter().map(f).collect::<Vec<_>>().join(" / ");
-                vec![cell(load), cell(each(|t| format!("{:.2}", t.sag_mm))), cell(each(|t| format!("{:.3}", t.period_s))), cell(each(|t| format!("{:.3}", t.damping)))]
+                vec![
+                    cell(load),
+                    cell(each(|t| format!("{:.2}", t.sag_mm))),
+                    cell(each(|t| format!("{:.3}", t.period_s))),
+                    cell(each(|t| format!("{:.3}", t.damping))),
+                ]
             })
             .collect();
         let rows: Vec<Vec<Markup>> = self
@@ -324,7 +347,14 @@ impl Filmed {
             .iter()
             .map(|r| {
                 let period = r.period_s.map(|p| format!("{p:.3}")).unwrap_or_default();
-                vec![cell(&r.who), cell(r.tets), cell(r.load_n), cell(format!("{:.2}", r.sag_mm)), cell(format!("{:+.1} %", r.error * 100.0)), cell(period)]
+                vec![
+                    cell(&r.who),
+                    cell(r.tets),
+                    cell(r.load_n),
+                    cell(format!("{:.2}", r.sag_mm)),
+                    cell(format!("{:+.1} %", r.error * 100.0)),
+                    cell(period),
+                ]
             })
             .collect();
         html! {

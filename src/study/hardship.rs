@@ -4,8 +4,8 @@
 
 use bevy_math::Vec3;
 use keyhole_tetmesh::{DVec3, NodeId, TetId, TetMesh};
-use keyhole_tissue::beam::{beam, beam_material, clamp, fix};
 use keyhole_tissue::Hold;
+use keyhole_tissue::beam::{beam, beam_material, clamp, fix};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 
 /// What is done to a body.
@@ -64,7 +64,7 @@ impl Hardship {
         match self {
             Self::Young(e) => format!("E {e:e} Pa"),
             Self::Poisson(nu) => format!("nu {nu}"),
-            Self::Tick(dt) => format!("tick {} ms", dt * 1e3),
+            Self::Tick(dt) => format!("tick {:.1} ms", dt * 1e3),
             Self::MassRatio(r) => format!("mass ratio {r:e}"),
             Self::Gravity(g) => format!("{g} g"),
             Self::Sliver(angle) => format!("slivers of {angle} degrees"),
@@ -109,10 +109,15 @@ impl Hardship {
             }
     }
 
-    /// Whether it is to come back to its rest shape.
+    /// Whether it is to come back to its rest shape in its time: not under gravity, and not where its slowest swing takes minutes.
     #[must_use]
     pub fn has_rest_shape(&self) -> bool {
-        self.gravity() == Vec3::ZERO
+        let is_slow = match self {
+            Self::Young(e) => *e < 100.0,
+            Self::MassRatio(r) => *r > 1e3,
+            _ => false,
+        };
+        self.gravity() == Vec3::ZERO && !is_slow
     }
 
     /// Mesh and materials.

@@ -56,7 +56,14 @@ pub(crate) fn draw(plot: &Scatter) -> Result<Drawing, StudyError> {
             .y_label_area_size(76)
             .build_cartesian_2d((x.0..x.1).log_scale(), (y.0..y.1).log_scale())?;
         let short = |v: &f64| format!("{v:e}");
-        chart.configure_mesh().x_desc(plot.x).y_desc(plot.y).x_label_formatter(&short).y_label_formatter(&short).label_style((FONT, 13)).draw()?;
+        chart
+            .configure_mesh()
+            .x_desc(plot.x)
+            .y_desc(plot.y)
+            .x_label_formatter(&short)
+            .y_label_formatter(&short)
+            .label_style((FONT, 13))
+            .draw()?;
         chart.draw_series(LineSeries::new(plot.line.iter().copied(), RGBColor(120, 120, 120).stroke_width(2)))?;
         for dot in &plot.dots {
             let colour = COLOURS[dot.colour % COLOURS.len()];

@@ -174,7 +174,10 @@ impl Specimen {
             Answer::Twist { from, to } => {
                 let rotation = |nodes: &[NodeId]| {
                     let count = nodes.len() as f64;
-                    let (a, b) = (nodes.iter().map(|n| self.mesh.rest(*n)).sum::<DVec3>() / count, nodes.iter().map(|n| x(*n)).sum::<DVec3>() / count);
+                    let (a, b) = (
+                        nodes.iter().map(|n| self.mesh.rest(*n)).sum::<DVec3>() / count,
+                        nodes.iter().map(|n| x(*n)).sum::<DVec3>() / count,
+                    );
                     let (mut sine, mut cosine) = (0.0, 0.0);
                     for n in nodes {
                         let (p, q) = (self.mesh.rest(*n) - a, x(*n) - b);
@@ -346,7 +349,13 @@ fn kidney(cell_tenths_mm: u32) -> Result<Specimen, ImagingError> {
     let mesh = phantom_kidneys(&[f64::from(cell_tenths_mm) / 10.0])?.remove(0).mesh;
     let (low, high) = mesh.nodes().map(|n| mesh.rest(n)).fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
     let size = high - low;
-    let axis = if size.x >= size.y && size.x >= size.z { 0 } else if size.y >= size.z { 1 } else { 2 };
+    let axis = if size.x >= size.y && size.x >= size.z {
+        0
+    } else if size.y >= size.z {
+        1
+    } else {
+        2
+    };
     let fixed: Vec<_> = at(&mesh, |p| p[axis] < low[axis] + 0.2 * size[axis]).into_iter().map(|n| (n, mesh.rest(n))).collect();
     let tip = mesh.nodes().max_by(|a, b| mesh.rest(*a)[axis].total_cmp(&mesh.rest(*b)[axis])).map_or(DVec3::ZERO, |n| mesh.rest(n));
     let patch = areas(&mesh, |p| p.distance(tip) < 0.2 * size[axis]);

@@ -43,7 +43,18 @@ pub fn write_all(study: &Stability, folder: &Path) -> Result<(), StudyError> {
     let named = |source| StudyError::Table { path: path.clone(), source };
     let mut writer = csv::Writer::from_path(&path).map_err(named)?;
     writer
-        .write_record(["hardship", "model", "setting", "survived", "energy", "off_part_of_length", "back_s", "broke_s", "simulated_s", "wall_s"])
+        .write_record([
+            "hardship",
+            "model",
+            "setting",
+            "survived",
+            "energy",
+            "off_part_of_length",
+            "back_s",
+            "broke_s",
+            "simulated_s",
+            "wall_s",
+        ])
         .map_err(named)?;
     for o in &study.ordeals {
         let text = |x: Option<f64>| x.map(|x| format!("{x:.4e}")).unwrap_or_default();

@@ -150,7 +150,14 @@ fn limit(seen: &[&Specimen], answers: &[f64]) -> f64 {
     }
 }
 
-fn run(specimen: &Specimen, contender: &Contender, x: &[bevy_math::DVec3], bench: &Bench, index: usize, patience_s: f64) -> Option<TradeRun> {
+fn run(
+    specimen: &Specimen,
+    contender: &Contender,
+    x: &[bevy_math::DVec3],
+    bench: &Bench,
+    index: usize,
+    patience_s: f64,
+) -> Option<TradeRun> {
     let mut bout = Bout::new(contender, &specimen.mesh, &specimen.materials, specimen.drag_1_s).ok()?;
     // Fixed nodes may have to go somewhere: in the first tick.
     let holds = specimen.holds();
@@ -163,7 +170,8 @@ fn run(specimen: &Specimen, contender: &Contender, x: &[bevy_math::DVec3], bench
             break;
         }
         let now = specimen.ask(|n| bout.state.position(n).as_dvec3());
-        still = if (now - before).abs() < STILL * (bench.reference - specimen.ask(|n| specimen.mesh.rest(n))).abs() { still + 1 } else { 0 };
+        still =
+            if (now - before).abs() < STILL * (bench.reference - specimen.ask(|n| specimen.mesh.rest(n))).abs() { still + 1 } else { 0 };
         before = now;
         if still >= STILL_TICKS {
             break;
@@ -193,7 +201,8 @@ fn run(specimen: &Specimen, contender: &Contender, x: &[bevy_math::DVec3], bench
 
 /// Time of the first extreme of samples at `dt`, by the parabola through it and its neighbours.
 fn first_turn(samples: &[f64], dt: f64) -> Option<f64> {
-    let at = (1..samples.len().checked_sub(1)?).find(|i| samples[*i].abs() >= samples[i - 1].abs() && samples[*i].abs() > samples[i + 1].abs())?;
+    let at = (1..samples.len().checked_sub(1)?)
+        .find(|i| samples[*i].abs() >= samples[i - 1].abs() && samples[*i].abs() > samples[i + 1].abs())?;
     let (a, b, c) = (samples[at - 1], samples[at], samples[at + 1]);
     Some(((at + 1) as f64 + (a - c) / (2.0 * (a - 2.0 * b + c))) * dt)
 }

@@ -181,7 +181,11 @@ fn summary(trade: &Trade) -> Markup {
     let rows: Vec<Vec<Markup>> = contenders
         .iter()
         .map(|c| {
-            let mut row = vec![cell(full_name(c)), cell(format!("{:.3}", trade.mean_cost(c))), cell(if trade.mean_cost(c) < REAL_TIME { "yes" } else { "no" })];
+            let mut row = vec![
+                cell(full_name(c)),
+                cell(format!("{:.3}", trade.mean_cost(c))),
+                cell(if trade.mean_cost(c) < REAL_TIME { "yes" } else { "no" }),
+            ];
             for (i, _) in trade.benches.iter().enumerate() {
                 let run = trade.runs.iter().find(|r| r.bench == i && r.contender == *c);
                 row.push(cell(run.map_or("too slow".into(), |r| percent(r.error))));

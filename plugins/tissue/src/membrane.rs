@@ -200,6 +200,34 @@ impl Membrane {
         membrane
     }
 
+    /// The part of a donor's membrane that a piece of it takes along: `mesh` is the piece. Its faces
+    /// inherit where they lie on a triangle of the donor, so those that the cut opened have none.
+    #[must_use]
+    pub fn of_piece(donor: &Self, mesh: &TetMesh) -> Self {
+        let mut membrane = Self { capsule: donor.capsule, ..Self::default() };
+        membrane.of_node.resize(mesh.node_slots(), SmallVec::new());
+        // By cells as large as the largest triangle, so that each face looks at its neighbourhood alone.
+        let cell = donor.triangles().map(|t| (t.rest[0] - t.rest[1]).length().max((t.rest[0] - t.rest[2]).length())).fold(0.0, f64::max);
+        if cell <= 0.0 {
+            return membrane;
+        }
+        let key = |p: DVec3| (p / cell).floor().as_i64vec3();
+        let mut cells: FxHashMap<_, Vec<&Triangle>> = FxHashMap::default();
+        for t in donor.triangles() {
+            cells.entry(key(t.centre())).or_default().push(t);
+        }
+        let boundary = Boundary::of(mesh);
+        for (nodes, tet) in boundary.triangles.iter().zip(&boundary.tets) {
+            let new = triangle(mesh, nodes.map(|n| n.0), donor.capsule);
+            let middle = key(new.centre());
+            let near = (0..27).filter_map(|i| cells.get(&(middle + bevy_math::I64Vec3::new(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1))));
+            if near.flatten().any(|old| new.coincides(old)) {
+                membrane.insert(*tet, new);
+            }
+        }
+        membrane
+    }
+
     /// Its triangles, in the order of their slots.
     pub fn triangles(&self) -> impl Iterator<Item = &Triangle> {
         self.slots.iter().flatten()

@@ -74,7 +74,25 @@ impl ModelState {
         mesh: &TetMesh,
         materials: &OrganMaterials,
     ) -> Result<Self, MaterialError> {
-        let membrane = capsule.map(|c| Membrane::new(mesh, c));
+        Self::with(model, capsule.map(|c| Membrane::new(mesh, c)), body, mesh, materials)
+    }
+
+    /// The state of the same model for a piece that has come off an organ, with its part of the capsule. This is the organ's state before it adopts
+    /// that the piece has gone.
+    ///
+    /// # Errors
+    /// When a material has constants that no material has.
+    pub fn of_piece(&self, body: &Body, mesh: &TetMesh, materials: &OrganMaterials) -> Result<Self, MaterialError> {
+        Self::with(self.model, self.membrane.as_ref().map(|m| Membrane::of_piece(m, mesh)), body, mesh, materials)
+    }
+
+    fn with(
+        model: TissueModel,
+        membrane: Option<Membrane>,
+        body: &Body,
+        mesh: &TetMesh,
+        materials: &OrganMaterials,
+    ) -> Result<Self, MaterialError> {
         let kept = match model {
             TissueModel::Implicit | TissueModel::Xpbd(_) => Kept::Nothing,
             TissueModel::Teschner(_) => Kept::Teschner(Teschner::new(body, mesh, materials, membrane.as_ref())?),

@@ -111,7 +111,6 @@ fn adopt_changes(
     mut report: ResMut<TissueReport>,
     mut organs: Query<(&TissueMesh, &mut TissueState, &mut TissueBody, &mut Attachments)>,
     fragments: Query<(&TissueMesh, &OrganMaterials)>,
-    settings: Res<TissueSettings>,
 ) -> Result {
     let mut waiting = std::mem::take(&mut freed.0);
     for TopologyChanged { organ, delta } in changes.read() {
@@ -129,11 +128,13 @@ fn adopt_changes(
         let mut pieces = Vec::new();
         for (fragment, held) in mine.iter().zip(held) {
             let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
-            pieces.push((fragment, held, Body::new(&mesh.0, materials)?, TissueState::default()));
+            let own = Body::new(&mesh.0, materials)?;
+            let model = body.model.of_piece(&own, &mesh.0, materials)?;
+            pieces.push((fragment, held, (own, model), TissueState::default()));
         }
         let adopted = adopt(&mut body.body, &mut state, &mesh.0, delta, |donor| {
             let mut departed = Momentum::default();
-            for (fragment, _, body, state) in &mut pieces {
+            for (fragment, _, (body, _), state) in &mut pieces {
                 *state = inherit(donor, &fragment.donor_nodes);
                 for ((m, x), v) in body.masses().iter().zip(&state.positions).zip(&state.velocities) {
                     departed.add(*m, *x, *v);
@@ -146,23 +147,21 @@ fn adopt_changes(
         report.adoptions += 1;
         report.momentum_jump = report.momentum_jump.max(adopted.relative_jump());
         report.momentum_error = report.momentum_error.max(adopted.relative_error());
-        for (fragment, held, body, mut state) in pieces {
+        for (fragment, held, (body, model), mut state) in pieces {
             for v in &mut state.velocities {
                 *v += adopted.given_back;
             }
-            let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
-            let model = ModelState::new(settings.model, settings.capsule, &body, &mesh.0, materials)?;
             commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default() }, state, held));
         }
     }
     // A fragment whose donor sent nothing this tick: its nodes are still the donor's.
     for fragment in waiting {
         let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
-        let Ok((_, donor, _, mut attachments)) = organs.get_mut(fragment.donor) else { continue };
+        let Ok((_, donor, donor_body, mut attachments)) = organs.get_mut(fragment.donor) else { continue };
         let held = attachments.split_off(&fragment.donor_nodes);
         let state = inherit(&donor, &fragment.donor_nodes);
         let body = Body::new(&mesh.0, materials)?;
-        let model = ModelState::new(settings.model, settings.capsule, &body, &mesh.0, materials)?;
+        let model = donor_body.model.of_piece(&body, &mesh.0, materials)?;
         commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default() }, state, held));
     }
     Ok(())

@@ -7,7 +7,8 @@
 //! That is the linear material in the mean over directions; the springs of a mesh are not isotropic, and in large strain it is another material.
 //!
 //! Verlet is stable up to `2 / omega_max`: [`Teschner::limit_s`] finds it by power iteration over springs and volumes, for the whole mesh at first, for what a
-//! topology change touched thereafter. A tick is divided into as many steps as that takes. Under large compression or stretch the true limit is smaller.
+//! topology change touched thereafter. A tick is divided into as many steps as that takes, and into more where the volumes it begins with are stiffer than at rest
+//! (that is not the paper's, whose users choose a step). What gets stiffer within a tick can still explode.
 
 use crate::body::Body;
 use crate::graph::EdgeGraph;
@@ -254,6 +255,20 @@ impl Teschner {
         if omega2 > 0.0 { (2.0 / omega2.sqrt()) as f32 } else { f32::INFINITY }
     }
 
+    /// By how much the stiffest volume potential is stiffer than at rest: the squares of its gradients grow with the faces, and a strained one resists turning.
+    fn stiffening(&self, state: &TissueState) -> f32 {
+        let of = |v: &Volume| {
+            let [p, q, r, s] = v.nodes.map(|n| state.positions[n as usize]);
+            let (a, b, c) = (q - p, r - p, s - p);
+            let g = [b.cross(c) / 6.0, c.cross(a) / 6.0, a.cross(b) / 6.0];
+            let strain = (a.dot(g[0]) - v.rest) / v.scale;
+            let now = (g[0] + g[1] + g[2]).length_squared() + g.iter().map(|g| g.length_squared()).sum::<f32>();
+            now / v.gradients.iter().map(|g| g.length_squared()).sum::<f32>() + strain.abs()
+        };
+        let most = self.volumes.iter().flatten().filter(|v| v.stiffness > 0.0).map(of).fold(1.0, f32::max);
+        if most.is_finite() { most } else { 1.0 }
+    }
+
     /// Elastic forces (N) and those of damping `k_d = damping_s k_D`.
     fn forces(&self, state: &TissueState, membrane: Option<&Membrane>, damping_s: f32, forces: &mut [Vec3]) {
         forces.fill(Vec3::ZERO);
@@ -312,7 +327,7 @@ impl Teschner {
         dt: f32,
         drag_1_s: f32,
     ) {
-        let wanted = settings.step_s.unwrap_or(settings.part_of_limit * self.limit_s);
+        let wanted = settings.step_s.unwrap_or_else(|| settings.part_of_limit * self.limit_s / self.stiffening(state).sqrt());
         let n = (dt / wanted).ceil().clamp(1.0, MOST_STEPS);
         let h = dt / n;
         let driven = driven(holds, &state.positions);

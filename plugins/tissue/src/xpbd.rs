@@ -43,6 +43,9 @@ impl Default for XpbdSettings {
     }
 }
 
+/// Share of the product of its diagonal below which the determinant of a block is rounding.
+const PARALLEL: f32 = 1e-6;
+
 /// Steps a body over one tick of `dt` s under gravity (m/s2).
 pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
     let own = XpbdSettings { substeps: settings.substeps, constraints: Constraints::NeoHookean };
@@ -186,8 +189,9 @@ fn solve(element: &Element, positions: &mut [Vec3], inverse_mass: &[f32], h: f32
     let hh = w[0] * h0.length_squared() + dot(&weighted_h, &hydrostatic) + soft / constants.lambda;
     let (cd, ch) = (-size, constants.a() - volume_ratio);
     let det = dd * hh - dh * dh;
-    let ld = (cd * hh - ch * dh) / det;
-    let lh = (ch * dd - cd * dh) / det;
+    // Of a sliver both gradients point the same way, and rounding leaves nothing of the determinant: each then gets half of its own solution.
+    let (ld, lh) =
+        if det > PARALLEL * dd * hh { ((cd * hh - ch * dh) / det, (ch * dd - cd * dh) / det) } else { (0.5 * cd / dd, 0.5 * ch / hh) };
     positions[at[0]] -= (d0 * ld + h0 * lh) * w[0];
     positions[at[1]] += weighted.x_axis * ld + weighted_h.x_axis * lh;
     positions[at[2]] += weighted.y_axis * ld + weighted_h.y_axis * lh;
