@@ -114,10 +114,12 @@ pub fn read(path: &Path) -> Result<Take, FilmError> {
     Ok(Take { sag_mm, period_s, damping })
 }
 
-/// Period and damping ratio of a motion about zero, from its extremes: half periods between them, the logarithm of their decrease. Only those above a twentieth of
+/// Period and damping ratio of a motion about zero, from its extremes after it first crossed zero: half periods between them, the logarithm of their decrease. Only those above a twentieth of
 /// the first count: the rest is noise.
 #[must_use]
 pub fn ringing(motion: &[f64], dt: f64) -> Option<(f64, f64)> {
+    // Before the first crossing of zero it may have been held for any time.
+    let motion = &motion[motion.windows(2).position(|w| w[0] * w[1] < 0.0)?..];
     let floor = motion.iter().fold(0.0_f64, |a, x| a.max(x.abs())) / 20.0;
     let mut extremes: Vec<(f64, f64)> = Vec::new();
     for i in 1..motion.len().checked_sub(1)? {
@@ -248,7 +250,7 @@ fn period_of_reference(model: &Model, drag: f64) -> Result<Option<f64>, Referenc
     (body.drag_1_s, body.tolerance) = (drag, 1e-6);
     let h = 1.0 / 240.0;
     let mut samples = Vec::new();
-    for _ in 0..120 {
+    for _ in 0..160 {
         body.step(h, DVec3::NEG_Y * GRAVITY, |_| None)?;
         samples.push(model.sag_mm(|n| body.positions[n.index()]));
     }
@@ -273,7 +275,7 @@ fn play(model: &Model, contender: &Contender, load: f64, drag: f32) -> Option<(f
         }
         Some(samples)
     };
-    let rest = *run(60.0, 0.7)?.last()?;
+    let rest = *run(15.0, 2.0)?.last()?;
     let period = if load == 0.0 {
         let mut samples = run(drag, 0.7)?;
         samples.iter_mut().for_each(|s| *s -= rest);

@@ -20,6 +20,10 @@ use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
 /// Settings of [`crate::TissueModel::Vbd`].
+///
+/// Limits, by `keyhole study stability` on a beam of 270 tetrahedra: nothing made it leave the finite numbers or gain energy. At nu 0.4999 it creeps back; all nodes
+/// in one point are an equilibrium that it does not leave; inside out or scrambled it stays tangled with 4 substeps, and comes back with one of 20 sweeps,
+/// which takes more energy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VbdSettings {
     /// Substeps of one tick; 0 counts as 1. Default 4.

@@ -29,6 +29,10 @@ pub enum Constraints {
 }
 
 /// Settings of [`crate::TissueModel::Xpbd`].
+///
+/// Limits, by `keyhole study stability` on a beam of 270 tetrahedra with 40 substeps of 1/60 s: from 10 MPa it shakes without end (springs do not); substeps of
+/// less than 10 microseconds explode by rounding, for velocities are differences of positions; with a substep of 2.5 ms it is not back at rest
+/// after 4 s; inside out or scrambled it stays tangled (springs come back).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct XpbdSettings {
     /// Substeps of one tick, of one iteration each; 0 counts as 1. Default 40: too few are a softer material, and the finer the mesh the more it takes.
@@ -44,7 +48,7 @@ impl Default for XpbdSettings {
 }
 
 /// Share of the product of its diagonal below which the determinant of a block is rounding.
-const PARALLEL: f32 = 1e-6;
+const PARALLEL: f64 = 1e-12;
 
 /// Steps a body over one tick of `dt` s under gravity (m/s2).
 pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
@@ -183,15 +187,22 @@ fn solve(element: &Element, positions: &mut [Vec3], inverse_mass: &[f32], h: f32
     let h0 = hydrostatic.x_axis + hydrostatic.y_axis + hydrostatic.z_axis;
     let weighted = Mat3::from_cols(deviatoric.x_axis * w[1], deviatoric.y_axis * w[2], deviatoric.z_axis * w[3]);
     let weighted_h = Mat3::from_cols(hydrostatic.x_axis * w[1], hydrostatic.y_axis * w[2], hydrostatic.z_axis * w[3]);
-    let soft = 1.0 / (element.volume * h * h);
-    let dd = w[0] * d0.length_squared() + dot(&weighted, &deviatoric) + soft / constants.mu;
-    let dh = w[0] * d0.dot(h0) + dot(&weighted, &hydrostatic);
-    let hh = w[0] * h0.length_squared() + dot(&weighted_h, &hydrostatic) + soft / constants.lambda;
-    let (cd, ch) = (-size, constants.a() - volume_ratio);
+    // In stiff tissue and in slivers the two gradients are almost parallel, and what tells them apart is the small compliance: in f32 nothing is left of it.
+    let exact = |a: Vec3, b: Vec3| a.as_dvec3().dot(b.as_dvec3());
+    let product = |a: &Mat3, a0: Vec3, b: &Mat3, b0: Vec3| {
+        let [u, v, x, y] = w.map(f64::from);
+        u * exact(a0, b0) + v * exact(a.x_axis, b.x_axis) + x * exact(a.y_axis, b.y_axis) + y * exact(a.z_axis, b.z_axis)
+    };
+    let soft = 1.0 / f64::from(element.volume * h * h);
+    let dd = product(&deviatoric, d0, &deviatoric, d0) + soft / f64::from(constants.mu);
+    let dh = product(&deviatoric, d0, &hydrostatic, h0);
+    let hh = product(&hydrostatic, h0, &hydrostatic, h0) + soft / f64::from(constants.lambda);
+    let (cd, ch) = (-f64::from(size), f64::from(constants.a()) - f64::from(volume_ratio));
     let det = dd * hh - dh * dh;
-    // Of a sliver both gradients point the same way, and rounding leaves nothing of the determinant: each then gets half of its own solution.
+    // Where even that is rounding, each gets half of its own solution.
     let (ld, lh) =
         if det > PARALLEL * dd * hh { ((cd * hh - ch * dh) / det, (ch * dd - cd * dh) / det) } else { (0.5 * cd / dd, 0.5 * ch / hh) };
+    let (ld, lh) = (ld as f32, lh as f32);
     positions[at[0]] -= (d0 * ld + h0 * lh) * w[0];
     positions[at[1]] += weighted.x_axis * ld + weighted_h.x_axis * lh;
     positions[at[2]] += weighted.y_axis * ld + weighted_h.y_axis * lh;
