@@ -15,7 +15,7 @@ fn outcome(o: &Ordeal) -> String {
     if let Some(t) = o.broke_s {
         return format!("not finite after {t:.3} s");
     }
-    let energy = if o.survived { String::new() } else { format!("energy {:.1} times too large", o.energy) };
+    let energy = if o.survived { String::new() } else { format!("energy {:.1e} times too large", o.energy) };
     let place = match (o.off, o.back_s) {
         (Some(_), Some(t)) => format!("back in {t:.2} s"),
         (Some(off), None) => format!("{:.0} % of the length off", off * 100.0),

@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
 mod capsule;
+mod chosen;
 mod common;
 mod dynamics;
 mod models;
