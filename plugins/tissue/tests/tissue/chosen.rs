@@ -46,7 +46,7 @@ fn every_model_can_be_chosen() {
         assert_eq!(app.world().resource::<TissueReport>().adoptions, 1);
         assert!(app.world().resource::<TissueReport>().quarantined.is_empty(), "{model:?}");
         let state = app.world().get::<TissueState>(organ).unwrap();
-        let fallen = mesh.nodes().map(|n| mesh.rest(n).y as f32 - state.position(n).y);
-        assert!(fallen.clone().all(|f| f > 0.03 && f < 0.1), "{model:?}: {:?}", fallen.collect::<Vec<_>>());
+        let fallen: Vec<f32> = mesh.nodes().map(|n| mesh.rest(n).y as f32 - state.position(n).y).collect();
+        assert!(fallen.iter().all(|f| *f > 0.03 && *f < 0.1), "{model:?}: {fallen:?}");
     }
 }
