@@ -3,10 +3,45 @@
 use crate::theatre::Theatre;
 use bevy::prelude::*;
 use keyhole_instruments::{Script, ScriptClock, TrocarState, tools};
-use keyhole_tissue::{TissueReport, TissueSettings};
+use keyhole_scene::{SceneTissue, SceneTissueModel};
+use keyhole_tetmesh::TetMesh;
+use keyhole_tissue::reference::{ReferenceError, unloaded};
+use keyhole_tissue::{Capsule, Constraints, TeschnerSettings, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings};
 use keyhole_whiteboard::{
-    Anatomy, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, Port, SimulationControl, TickCost, TissueMesh, TopologyChanged,
+    Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, SimulationControl, TickCost,
+    TissueMesh, TissueState, TopologyChanged,
 };
+
+/// Part of the sag within which a rest shape hangs as the scan.
+const PRESTRESS_TOLERANCE: f64 = 1e-3;
+/// Most equilibria that are computed for a rest shape.
+const PRESTRESS_ROUNDS: u32 = 30;
+
+/// The model that a scene asks for, with the scene's substeps.
+fn tissue_model(tissue: &SceneTissue) -> TissueModel {
+    let xpbd = |constraints| TissueModel::Xpbd(XpbdSettings { substeps: tissue.substeps, constraints });
+    match tissue.model {
+        SceneTissueModel::Implicit => TissueModel::Implicit,
+        SceneTissueModel::Teschner => TissueModel::Teschner(TeschnerSettings::default()),
+        SceneTissueModel::Xpbd => xpbd(Constraints::NeoHookean),
+        SceneTissueModel::XpbdSprings => xpbd(Constraints::DistanceVolume),
+        SceneTissueModel::Vbd => TissueModel::Vbd(VbdSettings { substeps: tissue.substeps, ..Default::default() }),
+    }
+}
+
+/// Replaces the rest shape of a mesh by the one that hangs as the mesh does, with what holds it without compliance fixed. Gives the largest distance
+/// that is left, m.
+fn unload(mesh: &mut TetMesh, materials: &OrganMaterials, attachments: &Attachments, gravity: Vec3) -> Result<f64, ReferenceError> {
+    let rigid = |n| attachments.0.iter().any(|a| a.compliance_m_n <= 0.0 && a.point.len() == 1 && a.point[0].0 == n);
+    let found = unloaded(mesh, materials, rigid, gravity.as_dvec3(), PRESTRESS_TOLERANCE, PRESTRESS_ROUNDS)?;
+    let nodes: Vec<_> = mesh.nodes().collect();
+    for n in nodes {
+        mesh.move_node(n, found.rest[n.index()], std::iter::once((n, 1.0)).collect());
+    }
+    // Nobody has seen the mesh yet.
+    mesh.take_delta();
+    Ok(found.error_m)
+}
 
 /// Puts a theatre onto the whiteboard.
 pub fn spawn(world: &mut World, theatre: &Theatre) {
@@ -16,13 +51,36 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
     world.insert_resource(scene.requirements());
     world.insert_resource(theatre.script.clone());
     world.insert_resource(ScriptClock { end_s: theatre.script.end_s(), ..default() });
-    world.resource_mut::<TissueSettings>().substeps = scene.tissue.substeps;
+    {
+        let mut settings = world.resource_mut::<TissueSettings>();
+        settings.substeps = scene.tissue.substeps;
+        settings.model = tissue_model(&scene.tissue);
+        settings.capsule = scene.tissue.capsule.map(|c| Capsule {
+            young_modulus_pa: c.young_modulus_pa,
+            poisson_ratio: c.poisson_ratio,
+            thickness_m: c.thickness_mm * 1e-3,
+        });
+    }
     for (organ, mesh) in scene.organs.iter().zip(&theatre.meshes) {
         let mut attachments = organ.attachments(mesh);
         for attachment in &mut attachments.0 {
             attachment.until_s += started_s;
         }
-        world.spawn((Organ { name: organ.name.clone() }, TissueMesh(mesh.clone()), organ.organ_materials(), attachments));
+        let materials = organ.organ_materials();
+        let mut mesh = mesh.clone();
+        let state = TissueState::at_rest(&mesh);
+        if scene.tissue.prestress {
+            match unload(&mut mesh, &materials, &attachments, Vec3::from_array(scene.gravity)) {
+                Ok(error_m) => {
+                    info!("organ {}: its rest shape hangs within {:.3} mm of the mesh that was given", organ.name, error_m * 1e3)
+                }
+                Err(error) => error!(
+                    "organ {}: no rest shape hangs as the mesh that was given, which is taken as the rest shape: {error}",
+                    organ.name
+                ),
+            }
+        }
+        world.spawn((Organ { name: organ.name.clone() }, TissueMesh(mesh), state, materials, attachments));
     }
     for surface in &scene.anatomy {
         let anatomy = Anatomy { name: surface.name.clone(), path: (&surface.path).into(), colour: surface.colour };

@@ -2,9 +2,14 @@
 
 use crate::cli::Failure;
 use crate::report::folder::Folder;
+use crate::study::contender::Contender;
+use crate::study::filmed::{self, FilmError};
+use crate::study::hardship::Hardship;
 use crate::study::plan::{CELLS_MM, Plan, phantom_kidneys, read_mesh};
+use crate::study::specimen::Case;
 use crate::study::strokes::Stroke;
-use crate::study::{Study, conduct};
+use crate::study::trade::{self, TradePlan};
+use crate::study::{Study, conduct, stability, stability_page, trade_page};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::PathBuf;
 
@@ -21,6 +26,42 @@ pub struct StudyArgs {
 pub enum Experiment {
     /// The paper's evaluation of cutting: methods, patterns, snapping and sampling rates on the phantom's kidney and on meshes that are given.
     Cut(CutStudyArgs),
+    /// What each soft-tissue model costs and how right it is: five bodies whose answer is known, and a filmed beam where it is given.
+    Trade(TradeStudyArgs),
+    /// What each soft-tissue model survives: extreme materials and steps, tangles, violence, a hundred cuts.
+    Stability(StabilityStudyArgs),
+}
+
+/// Arguments of `keyhole study stability`.
+#[derive(Debug, clap::Args)]
+pub struct StabilityStudyArgs {
+    /// Folder for index.html, the tables and the pictures; must not be there or be empty.
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Seconds of wall time after which a run is stopped.
+    #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = above_zero)]
+    pub patience: f64,
+}
+
+fn above_zero(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("expected a number above 0".into()),
+    }
+}
+
+/// Arguments of `keyhole study trade`.
+#[derive(Debug, clap::Args)]
+pub struct TradeStudyArgs {
+    /// Folder for index.html, the table and the plots; must not be there or be empty.
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Folder with the films of the silicone beam (gravity_a.csv, load_0.510N_a.csv, ...), to compare with as well.
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Meshes of each case, the coarsest first: 1 or 2.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=2))]
+    pub meshes: u8,
 }
 
 /// Arguments of `keyhole study cut`.
@@ -47,7 +88,51 @@ pub struct CutStudyArgs {
 pub fn run(args: &StudyArgs) -> Result<(), Failure> {
     match &args.experiment {
         Experiment::Cut(args) => cut(args),
+        Experiment::Trade(args) => trade(args),
+        Experiment::Stability(args) => stability(args),
     }
+}
+
+fn trade(args: &TradeStudyArgs) -> Result<(), Failure> {
+    let named = |e: std::io::Error| format!("{}: {e}", args.output.display());
+    let folder = Folder::begin(&args.output).map_err(|e| Failure::input(named(e)))?;
+    let bar = ProgressBar::new_spinner();
+    let tell = |what: &str| {
+        bar.set_message(what.to_owned());
+        bar.tick();
+    };
+    let filmed = match &args.data {
+        Some(data) => Some(filmed::conduct(data, tell).map_err(|e| match e {
+            FilmError::File { .. } => Failure::input(e),
+            FilmError::Reference(_) => Failure::job(e),
+        })?),
+        None => None,
+    };
+    let plan = TradePlan { cases: Case::ALL.into_iter().map(|c| (c, usize::from(args.meshes))).collect(), ..TradePlan::default() };
+    let study = trade::conduct(&plan, tell).map_err(Failure::job)?;
+    trade_page::write_all(&study, filmed.as_ref(), folder.path()).map_err(Failure::job)?;
+    bar.finish_and_clear();
+    let out = folder.finish().map_err(|e| Failure::job(named(e)))?;
+    println!("{} runs on {} meshes", study.runs.len(), study.benches.len());
+    println!("{}", out.join("index.html").display());
+    Ok(())
+}
+
+fn stability(args: &StabilityStudyArgs) -> Result<(), Failure> {
+    let named = |e: std::io::Error| format!("{}: {e}", args.output.display());
+    let folder = Folder::begin(&args.output).map_err(|e| Failure::input(named(e)))?;
+    let bar = ProgressBar::new_spinner();
+    let tell = |what: &str| {
+        bar.set_message(what.to_owned());
+        bar.tick();
+    };
+    let study = stability::conduct(&Hardship::all(), &Contender::one_of_each(), args.patience, tell);
+    stability_page::write_all(&study, folder.path()).map_err(Failure::job)?;
+    bar.finish_and_clear();
+    let out = folder.finish().map_err(|e| Failure::job(named(e)))?;
+    println!("{} of {} survived", study.ordeals.iter().filter(|o| o.survived).count(), study.ordeals.len());
+    println!("{}", out.join("index.html").display());
+    Ok(())
 }
 
 fn cut(args: &CutStudyArgs) -> Result<(), Failure> {

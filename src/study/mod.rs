@@ -4,9 +4,15 @@
 //! [`plan`] says what is cut, [`strokes`] where; [`run`] cuts one combination and takes its figures ([`measure`], [`stable_step`]);
 //! [`claims`] and [`thresholds`] compare them with the paper and with each other; [`tables`], [`plots`], [`picture`] and [`page`] are what is left in the folder. Nothing here
 //! knows the engine.
+//!
+//! [`trade`] says what each soft-tissue model ([`contender`]) costs and how right it is on bodies whose answer is known ([`specimen`], [`filmed`]);
+//! [`stability`] what each survives ([`hardship`]).
 
 pub mod claims;
+pub mod contender;
+pub mod filmed;
 mod grid;
+pub mod hardship;
 mod markup;
 pub mod measure;
 pub mod page;
@@ -14,11 +20,18 @@ pub mod picture;
 pub mod plan;
 pub mod plots;
 pub mod run;
+mod scatter;
+mod solid_picture;
+pub mod specimen;
+pub mod stability;
+pub mod stability_page;
 pub mod stable_step;
 pub mod strokes;
 pub mod svg;
 pub mod tables;
 pub mod thresholds;
+pub mod trade;
+pub mod trade_page;
 mod verdicts;
 
 use plan::{METHODS, PATTERNS, Plan};

@@ -307,17 +307,52 @@ impl Default for SceneCut {
     }
 }
 
+/// Which soft-tissue model steps the organs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SceneTissueModel {
+    /// The simulator's own.
+    #[default]
+    Implicit,
+    /// The paper's: springs and volumes, explicit; it takes as many steps as its stability asks for.
+    Teschner,
+    /// Extended position-based dynamics, neo-Hookean; wants 20 to 80 substeps.
+    Xpbd,
+    /// The same with springs and volumes.
+    XpbdSprings,
+    /// Vertex block descent.
+    Vbd,
+}
+
+/// The capsule of every organ: a thin stiff membrane on its surface, cut with it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneCapsule {
+    /// Young's modulus, Pa; above 0. The renal capsule's is about 15 MPa.
+    pub young_modulus_pa: f64,
+    /// Poisson's ratio, 0 to 0.5.
+    pub poisson_ratio: f64,
+    /// Thickness, mm; above 0. The renal capsule's is 0.05 to 0.1.
+    pub thickness_mm: f64,
+}
+
 /// Settings of the tissue's time stepping.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SceneTissue {
     /// Substeps a tick; above 0. Default 1.
     pub substeps: u32,
+    /// The model. Default Implicit.
+    pub model: SceneTissueModel,
+    /// A capsule; the model Implicit does not have it. Default none.
+    pub capsule: Option<SceneCapsule>,
+    /// Whether the organs' meshes are the shapes in which gravity and what holds them rigidly have left them, as in a scan: the rest shape is then the one that
+    /// hangs so. Found when the scene starts, in seconds to a minute an organ. Default no.
+    pub prestress: bool,
 }
 
 impl Default for SceneTissue {
     fn default() -> Self {
-        Self { substeps: 1 }
+        Self { substeps: 1, model: SceneTissueModel::default(), capsule: None, prestress: false }
     }
 }
 

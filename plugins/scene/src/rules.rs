@@ -122,6 +122,16 @@ impl Rules {
         if !(1..=1000).contains(&scene.tissue.substeps) {
             self.say("tissue.substeps", format!("{} is out of range: expected 1 to 1000", scene.tissue.substeps));
         }
+        if let Some(capsule) = scene.tissue.capsule {
+            for (what, value) in [("young_modulus_pa", capsule.young_modulus_pa), ("thickness_mm", capsule.thickness_mm)] {
+                if !(value > 0.0 && value.is_finite()) {
+                    self.say(&format!("tissue.capsule.{what}"), format!("{value} is out of range: expected more than 0"));
+                }
+            }
+            if !(0.0..=0.5).contains(&capsule.poisson_ratio) {
+                self.say("tissue.capsule.poisson_ratio", format!("{} is out of range: expected 0 to 0.5", capsule.poisson_ratio));
+            }
+        }
         let Camera { eye, target } = scene.views.global;
         if self.finite("views.global.eye", &eye) && self.finite("views.global.target", &target) && eye == target {
             self.say("views.global.target", "the camera looks at its own place: move `eye` or `target`");

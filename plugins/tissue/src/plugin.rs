@@ -4,6 +4,7 @@ use crate::adopt::adopt;
 use crate::body::{Body, Momentum};
 use crate::guard::Guard;
 use crate::hold::Hold;
+use crate::model::ModelState;
 use crate::settings::TissueSettings;
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
@@ -38,6 +39,8 @@ impl Plugin for TissuePlugin {
 pub struct TissueBody {
     /// Elements and masses.
     pub body: Body,
+    /// What the model keeps.
+    pub model: ModelState,
     guard: Guard,
 }
 
@@ -76,11 +79,13 @@ fn note_fragment(detached: On<FragmentDetached>, mut freed: ResMut<FreedFragment
 fn embody(
     mut commands: Commands,
     organs: Query<(Entity, &TissueMesh, &OrganMaterials, Option<&TissueState>), Without<TissueBody>>,
+    settings: Res<TissueSettings>,
 ) -> Result {
     for (organ, mesh, materials, state) in &organs {
         let body = Body::new(&mesh.0, materials)?;
+        let model = ModelState::new(settings.model, settings.capsule, &body, &mesh.0, materials)?;
         let mut entity = commands.entity(organ);
-        entity.insert(TissueBody { body, guard: Guard::default() });
+        entity.insert(TissueBody { body, model, guard: Guard::default() });
         if state.is_none_or(|s| s.positions.len() != mesh.0.node_slots() || s.velocities.len() != s.positions.len()) {
             entity.insert(TissueState::at_rest(&mesh.0));
         }
@@ -123,11 +128,13 @@ fn adopt_changes(
         let mut pieces = Vec::new();
         for (fragment, held) in mine.iter().zip(held) {
             let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
-            pieces.push((fragment, held, Body::new(&mesh.0, materials)?, TissueState::default()));
+            let own = Body::new(&mesh.0, materials)?;
+            let model = body.model.of_piece(&own, &mesh.0, materials)?;
+            pieces.push((fragment, held, (own, model), TissueState::default()));
         }
         let adopted = adopt(&mut body.body, &mut state, &mesh.0, delta, |donor| {
             let mut departed = Momentum::default();
-            for (fragment, _, body, state) in &mut pieces {
+            for (fragment, _, (body, _), state) in &mut pieces {
                 *state = inherit(donor, &fragment.donor_nodes);
                 for ((m, x), v) in body.masses().iter().zip(&state.positions).zip(&state.velocities) {
                     departed.add(*m, *x, *v);
@@ -135,24 +142,27 @@ fn adopt_changes(
             }
             departed
         });
+        let TissueBody { body: adopter, model, .. } = &mut *body;
+        model.adopt(adopter, &mesh.0, delta);
         report.adoptions += 1;
         report.momentum_jump = report.momentum_jump.max(adopted.relative_jump());
         report.momentum_error = report.momentum_error.max(adopted.relative_error());
-        for (fragment, held, body, mut state) in pieces {
+        for (fragment, held, (body, model), mut state) in pieces {
             for v in &mut state.velocities {
                 *v += adopted.given_back;
             }
-            commands.entity(fragment.entity).insert((TissueBody { body, guard: Guard::default() }, state, held));
+            commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default() }, state, held));
         }
     }
     // A fragment whose donor sent nothing this tick: its nodes are still the donor's.
     for fragment in waiting {
         let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
-        let Ok((_, donor, _, mut attachments)) = organs.get_mut(fragment.donor) else { continue };
+        let Ok((_, donor, donor_body, mut attachments)) = organs.get_mut(fragment.donor) else { continue };
         let held = attachments.split_off(&fragment.donor_nodes);
         let state = inherit(&donor, &fragment.donor_nodes);
         let body = Body::new(&mesh.0, materials)?;
-        commands.entity(fragment.entity).insert((TissueBody { body, guard: Guard::default() }, state, held));
+        let model = donor_body.model.of_piece(&body, &mesh.0, materials)?;
+        commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default() }, state, held));
     }
     Ok(())
 }
@@ -198,10 +208,10 @@ fn step_organs(
             if body.body.is_asleep(state, holds, gravity.0) {
                 return None;
             }
-            let TissueBody { body, guard } = &mut **body;
+            let TissueBody { body, model, guard } = &mut **body;
             // What comes in broken is not stepped: what goes out would name the wrong node.
             guard.check(state).or_else(|| {
-                body.step(state, holds, gravity.0, dt, &settings);
+                model.step(body, state, holds, gravity.0, dt, &settings);
                 guard.check(state)
             })
         })

@@ -1,5 +1,7 @@
 //! Settings of the time stepping, in physical units.
 
+use crate::membrane::Capsule;
+use crate::model::TissueModel;
 use bevy_ecs::prelude::*;
 
 /// Which method steps the tissue. Both have the same energy, elements and masses.
@@ -16,6 +18,11 @@ pub enum Solver {
 /// How tissue is stepped. Written by the scene or the command line.
 #[derive(Resource, Clone, Copy, Debug, PartialEq)]
 pub struct TissueSettings {
+    /// Which soft-tissue model. Default [`TissueModel::Implicit`], which the fields below are about; the other models have settings of their own and take
+    /// of these only the drag.
+    pub model: TissueModel,
+    /// A thin stiff membrane on the surface of every organ. Default none; [`TissueModel::Implicit`] does not have it.
+    pub capsule: Option<Capsule>,
     /// The method. Default [`Solver::Implicit`].
     pub solver: Solver,
     /// Substeps of one tick; 0 counts as 1. Default 1: see the table in the crate's documentation. [`Solver::Xpbd`] wants 20 to 40.
@@ -40,6 +47,16 @@ pub struct TissueSettings {
 
 impl Default for TissueSettings {
     fn default() -> Self {
-        Self { solver: Solver::default(), substeps: 1, drag_1_s: 4.0, viscosity_s: 0.001, tolerance: 0.1, iterations: 50, sleep: true }
+        Self {
+            model: TissueModel::default(),
+            capsule: None,
+            solver: Solver::default(),
+            substeps: 1,
+            drag_1_s: 4.0,
+            viscosity_s: 0.001,
+            tolerance: 0.1,
+            iterations: 50,
+            sleep: true,
+        }
     }
 }

@@ -2,7 +2,11 @@
 
 #![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
+mod capsule;
+mod chosen;
 mod common;
 mod dynamics;
+mod models;
+mod reference;
 mod statics;
 mod tick;

@@ -1,0 +1,176 @@
+//! Every soft-tissue model behind one interface: positions and velocities in, positions and velocities out, with attachments, fixed nodes, gravity,
+//! damping, materials by tetrahedron, and topology deltas.
+//!
+//! [`TissueModel`] says which; [`ModelState`] is what it keeps between ticks beside the [`Body`] that all share. `keyhole study trade` says what each costs
+//! and how right it is, `keyhole study stability` what each survives.
+
+use crate::body::Body;
+use crate::hold::Hold;
+use crate::material::MaterialError;
+use crate::membrane::{Capsule, Membrane};
+use crate::settings::TissueSettings;
+use crate::teschner::{Teschner, TeschnerSettings};
+use crate::vbd::{Vbd, VbdSettings};
+use crate::xpbd::{self, XpbdSettings};
+use bevy_math::{DVec3, Vec3};
+use keyhole_tetmesh::{TetMesh, TopologyDelta};
+use keyhole_whiteboard::{OrganMaterials, TissueState};
+
+/// A soft-tissue model with its settings.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum TissueModel {
+    /// The simulator's own: what [`TissueSettings::solver`] says, with [`TissueSettings::substeps`]. The only one that a capsule does not reach.
+    #[default]
+    Implicit,
+    /// The paper's: distance and volume potentials, explicit Verlet steps. See [`crate::teschner`].
+    Teschner(TeschnerSettings),
+    /// Extended position-based dynamics with small steps. See [`crate::xpbd`].
+    Xpbd(XpbdSettings),
+    /// Vertex block descent. See [`crate::vbd`].
+    Vbd(VbdSettings),
+}
+
+impl TissueModel {
+    /// Its name, as in a scene and in the tables of a study.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Implicit => "implicit",
+            Self::Teschner(_) => "teschner",
+            Self::Xpbd(s) => match s.constraints {
+                xpbd::Constraints::NeoHookean => "xpbd",
+                xpbd::Constraints::DistanceVolume => "xpbd-springs",
+            },
+            Self::Vbd(_) => "vbd",
+        }
+    }
+}
+
+/// What a model keeps of one organ between ticks.
+#[derive(Clone, Debug, Default)]
+pub struct ModelState {
+    model: TissueModel,
+    kept: Kept,
+    membrane: Option<Membrane>,
+}
+
+#[derive(Clone, Debug, Default)]
+enum Kept {
+    #[default]
+    Nothing,
+    Teschner(Teschner),
+    Vbd(Vbd),
+}
+
+impl ModelState {
+    /// The state of a model for an organ, with a capsule on its whole surface when there is one.
+    ///
+    /// # Errors
+    /// When a material has constants that no material has.
+    pub fn new(
+        model: TissueModel,
+        capsule: Option<Capsule>,
+        body: &Body,
+        mesh: &TetMesh,
+        materials: &OrganMaterials,
+    ) -> Result<Self, MaterialError> {
+        Self::with(model, capsule.map(|c| Membrane::new(mesh, c)), body, mesh, materials)
+    }
+
+    /// The state of the same model for a piece that has come off an organ, with its part of the capsule. This is the organ's state before it adopts
+    /// that the piece has gone.
+    ///
+    /// # Errors
+    /// When a material has constants that no material has.
+    pub fn of_piece(&self, body: &Body, mesh: &TetMesh, materials: &OrganMaterials) -> Result<Self, MaterialError> {
+        Self::with(self.model, self.membrane.as_ref().map(|m| Membrane::of_piece(m, mesh)), body, mesh, materials)
+    }
+
+    fn with(
+        model: TissueModel,
+        membrane: Option<Membrane>,
+        body: &Body,
+        mesh: &TetMesh,
+        materials: &OrganMaterials,
+    ) -> Result<Self, MaterialError> {
+        let kept = match model {
+            TissueModel::Implicit | TissueModel::Xpbd(_) => Kept::Nothing,
+            TissueModel::Teschner(_) => Kept::Teschner(Teschner::new(body, mesh, materials, membrane.as_ref())?),
+            TissueModel::Vbd(_) => Kept::Vbd(Vbd::new(mesh)),
+        };
+        Ok(Self { model, kept, membrane })
+    }
+
+    /// The model that it is the state of.
+    #[must_use]
+    pub fn model(&self) -> TissueModel {
+        self.model
+    }
+
+    /// The capsule, as far as it has not been cut away.
+    #[must_use]
+    pub fn membrane(&self) -> Option<&Membrane> {
+        self.membrane.as_ref()
+    }
+
+    /// The largest stable step of an explicit model, s: see [`Teschner::limit_s`].
+    #[must_use]
+    pub fn step_limit_s(&self) -> Option<f32> {
+        match &self.kept {
+            Kept::Teschner(t) => Some(t.limit_s()),
+            Kept::Nothing | Kept::Vbd(_) => None,
+        }
+    }
+
+    /// Carries it over a topology change, at a cost that depends on the change; `body` and `mesh` are those after it.
+    pub fn adopt(&mut self, body: &Body, mesh: &TetMesh, delta: &TopologyDelta) {
+        if let Some(membrane) = &mut self.membrane {
+            membrane.adopt(mesh, delta);
+        }
+        match &mut self.kept {
+            Kept::Nothing => {}
+            Kept::Teschner(t) => t.adopt(body, mesh, delta, self.membrane.as_ref()),
+            Kept::Vbd(v) => v.adopt(mesh, delta),
+        }
+    }
+
+    /// Steps a body over one tick of `dt` s under gravity (m/s2). Of the settings only damping counts, but for [`TissueModel::Implicit`].
+    pub fn step(&mut self, body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+        let membrane = self.membrane.as_ref();
+        match (&self.model, &mut self.kept) {
+            (TissueModel::Teschner(s), Kept::Teschner(t)) => t.step(s, body, membrane, state, holds, gravity, dt, settings.drag_1_s),
+            (TissueModel::Vbd(s), Kept::Vbd(v)) => v.step(s, body, membrane, state, holds, gravity, dt, settings.drag_1_s),
+            (TissueModel::Xpbd(s), _) => xpbd::step_with(s, body, membrane, state, holds, gravity, dt, settings.drag_1_s),
+            _ => body.step(state, holds, gravity, dt, settings),
+        }
+    }
+}
+
+/// Single nodes held without compliance: their slots, where they are and where they go in this tick.
+pub(crate) fn driven(holds: &[Hold], positions: &[Vec3]) -> Vec<(usize, Vec3, Vec3)> {
+    holds.iter().filter_map(|hold| hold.fixes().map(|i| (i, positions[i], hold.to))).collect()
+}
+
+/// Inverse masses, 1/kg; 0 for what is driven and for slots that nothing uses.
+pub(crate) fn inverse_masses(masses: &[f32], driven: &[(usize, Vec3, Vec3)]) -> Vec<f32> {
+    let mut inverse: Vec<f32> = masses.iter().map(|m| if *m > 0.0 { 1.0 / m } else { 0.0 }).collect();
+    for (i, ..) in driven {
+        inverse[*i] = 0.0;
+    }
+    inverse
+}
+
+/// What drag takes nothing of: the mean velocity of a body that nothing holds, m/s.
+pub(crate) fn drift(masses: &[f32], velocities: &[Vec3], holds: &[Hold]) -> Vec3 {
+    if holds.is_empty() { mean(masses, velocities.iter().copied()) } else { Vec3::ZERO }
+}
+
+/// The mean of a quantity of the nodes, weighted by their masses.
+pub(crate) fn mean(masses: &[f32], values: impl Iterator<Item = Vec3>) -> Vec3 {
+    let (mut sum, mut mass) = (DVec3::ZERO, 0.0);
+    for (m, v) in masses.iter().zip(values).filter(|(m, _)| **m > 0.0) {
+        sum += v.as_dvec3() * f64::from(*m);
+        mass += f64::from(*m);
+    }
+    if mass > 0.0 { (sum / mass).as_vec3() } else { Vec3::ZERO }
+}

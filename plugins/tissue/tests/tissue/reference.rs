@@ -1,0 +1,138 @@
+//! The reference against closed forms, published figures of the same beam, and its own order.
+
+use bevy_math::DVec3;
+use keyhole_tetmesh::TetMesh;
+use keyhole_tissue::beam::{beam, beam_material, block};
+use keyhole_tissue::reference::{Dynamics, Problem, Statics, equilibrium, unloaded};
+use keyhole_whiteboard::{OrganMaterial, OrganMaterials};
+
+const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
+
+fn clamped(mesh: &TetMesh, materials: &OrganMaterials) -> Problem {
+    Problem::new(mesh, materials, |n| mesh.rest(n).x == 0.0).unwrap()
+}
+
+/// Mean displacement of the free end along y, m.
+fn tip(problem: &Problem, x: &[DVec3]) -> f64 {
+    let end = problem.rest.iter().map(|p| p.x).fold(0.0, f64::max);
+    let there: Vec<usize> = (0..x.len()).filter(|i| problem.rest[*i].x == end).collect();
+    there.iter().map(|i| x[*i].y - problem.rest[*i].y).sum::<f64>() / there.len() as f64
+}
+
+fn material(young: f32, nu: f32) -> OrganMaterials {
+    OrganMaterials(vec![OrganMaterial { young_modulus_pa: young, poisson_ratio: nu, density_kg_m3: 1050.0, ..Default::default() }])
+}
+
+/// The beam that engines are compared on: -21.763 and -23.446 mm with 1250 and 5120 tetrahedra, by a program of others.
+#[test]
+fn the_beam_hangs_where_it_is_known_to() {
+    for ([n, m], expected) in [([10, 5], -21.763), ([16, 8], -23.446)] {
+        let mesh = beam(n, m);
+        let problem = clamped(&mesh, &beam_material());
+        let x = equilibrium(&problem, &problem.rest, &problem.weights(GRAVITY), Statics::default()).unwrap();
+        let mm = tip(&problem, &x) * 1e3;
+        assert!((mm - expected).abs() < 6e-4, "{mm} mm, expected {expected}");
+        // How the load is divided does not matter.
+        let once =
+            equilibrium(&problem, &problem.rest, &problem.weights(GRAVITY), Statics { load_steps: 1, ..Default::default() }).unwrap();
+        assert!((tip(&problem, &once) * 1e3 - mm).abs() < 1e-6);
+    }
+}
+
+/// A slender stiff beam, without Poisson's ratio: Timoshenko's `w L^4 / 8 E I + w L^2 / 2 k G A` the stiffness
+/// with second order in the size of the elements.
+#[test]
+fn small_deflections_converge_to_timoshenko() {
+    let (length, side) = (0.08, 0.01);
+    let young = 1e6_f32;
+    let error = |m: u32| {
+        let mesh = block([8 * m, m, m], [length, side, side]);
+        let problem = clamped(&mesh, &material(young, 0.0));
+        let x = equilibrium(&problem, &problem.rest, &problem.weights(GRAVITY), Statics::default()).unwrap();
+        let (e, area) = (f64::from(young), side * side);
+        let weight = 1050.0 * 9.81 * area;
+        let bending = weight * length.powi(4) / (8.0 * e * side.powi(4) / 12.0);
+        let shear = weight * length.powi(2) / (2.0 * 5.0 / 6.0 * e / 2.0 * area);
+        // Of the stiffness, for coarse elements make the beam twice too stiff.
+        (bending + shear) / -tip(&problem, &x) - 1.0
+    };
+    let errors = [2, 4, 8].map(error);
+    let limit = errors[2] - (errors[1] - errors[2]) / 3.0;
+    assert!(limit.abs() < 0.01, "{errors:?}, in the limit {limit}");
+    let order = ((errors[0] - errors[1]) / (errors[1] - errors[2])).log2();
+    assert!((1.6..2.4).contains(&order), "order {order}, {errors:?}");
+}
+
+/// Uniaxial stretch with free sides: `q^2 = (a s - mu / lambda) / s^2`, nominal stress `mu (s - q^2 / s)`.
+#[test]
+fn uniaxial_closed_form() {
+    let side = 0.02;
+    let mesh = block([3, 3, 3], [side; 3]);
+    for stretch in [0.6, 1.5, 2.0] {
+        let mut problem = Problem::new(&mesh, &beam_material(), |n| [0.0, side].contains(&mesh.rest(n).x)).unwrap();
+        let (mu, ratio) = (problem.tets[0].mu, problem.tets[0].mu / problem.tets[0].lambda);
+        let narrow = (((1.0 + ratio) * stretch - ratio) / (stretch * stretch)).sqrt();
+        let exact: Vec<DVec3> = problem.rest.iter().map(|p| DVec3::new(p.x * stretch, p.y * narrow, p.z * narrow)).collect();
+        // The ends are where they belong; what is between starts at rest.
+        let start: Vec<DVec3> = (0..exact.len()).map(|i| if problem.fixed[i] { exact[i] } else { problem.rest[i] * 1.01 }).collect();
+        let none = vec![DVec3::ZERO; exact.len()];
+        let x = equilibrium(&problem, &start, &none, Statics::default()).unwrap();
+        let off = x.iter().zip(&exact).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+        assert!(off < 1e-9 * side, "stretch {stretch}: {off} m off");
+        let pull: f64 = problem.forces(&x).iter().zip(&problem.rest).filter(|(_, p)| p.x == 0.0).map(|(f, _)| f.x).sum();
+        let expected = mu * (stretch - narrow * narrow / stretch) * side * side;
+        assert!((pull / expected - 1.0).abs() < 1e-9, "stretch {stretch}: {pull} N, expected {expected}");
+        problem.fixed.fill(false);
+        assert!(matches!(
+            equilibrium(&problem, &problem.rest.clone(), &problem.weights(GRAVITY), Statics { iterations: 5, ..Default::default() }),
+            Err(keyhole_tissue::reference::ReferenceError::Factorisation { .. }
+                | keyhole_tissue::reference::ReferenceError::NotConverged { .. })
+        ));
+    }
+}
+
+/// The motion of the dropped beam converges with the square of the step, keeps nearly all energy, and falls freely when nothing holds it.
+#[test]
+fn motion_is_of_second_order() {
+    let mesh = beam(6, 3);
+    let end = |steps: u32| {
+        let problem = clamped(&mesh, &beam_material());
+        let start = problem.rest.clone();
+        let mut body = Dynamics::new(problem, start).unwrap();
+        (body.drag_1_s, body.viscosity_s) = (2.0, 0.002);
+        for _ in 0..steps {
+            body.step(0.1 / f64::from(steps), GRAVITY, |_| None).unwrap();
+        }
+        tip(body.problem(), &body.positions)
+    };
+    let tips = [20, 40, 80].map(end);
+    let order = ((tips[0] - tips[1]) / (tips[1] - tips[2])).abs().log2();
+    assert!((1.7..2.4).contains(&order), "order {order}: {tips:?}");
+
+    let problem = Problem::new(&mesh, &beam_material(), |_| false).unwrap();
+    let start = problem.rest.clone();
+    let mut body = Dynamics::new(problem, start.clone()).unwrap();
+    for _ in 0..10 {
+        body.step(0.01, GRAVITY, |_| None).unwrap();
+    }
+    let fallen = start[0].y - body.positions[0].y;
+    assert!((fallen / (9.81 / 2.0 * 0.01) - 1.0).abs() < 0.01, "{fallen} m");
+}
+
+/// The rest shape of a beam that was scanned as it hangs: under gravity it comes back to the scan.
+#[test]
+fn a_scan_is_unloaded() {
+    let mesh = beam(10, 5);
+    let held = |n| mesh.rest(n).x == 0.0;
+    let found = unloaded(&mesh, &beam_material(), held, GRAVITY, 1e-4, 40).unwrap();
+    let moved: Vec<keyhole_tetmesh::DVec3> = found.rest.iter().map(|p| keyhole_tetmesh::DVec3::new(p.x, p.y, p.z)).collect();
+    let tets: Vec<[u32; 4]> = mesh.iter().map(|(_, c)| c.map(|n| n.0)).collect();
+    let free = TetMesh::new(moved, &tets, &[]);
+    assert!(free.iter().all(|(t, _)| free.volume(t) > 0.0));
+    let scanned = clamped(&mesh, &beam_material());
+    let problem = Problem::new(&free, &beam_material(), held).unwrap();
+    // The masses of the scan: what was weighed.
+    let x = equilibrium(&problem, &problem.rest, &scanned.weights(GRAVITY), Statics::default()).unwrap();
+    let off = x.iter().zip(&scanned.rest).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+    assert!(off < 1e-4 * 0.024, "{off} m off after {} rounds", found.rounds);
+}
