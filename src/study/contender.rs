@@ -41,7 +41,7 @@ impl Contender {
     /// All that the trade study compares.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let mut all: Vec<Self> = [1, 2, 3, 8].map(Self::implicit).into();
+        let mut all: Vec<Self> = [1, 2, 4].map(Self::implicit).into();
         let own = Self::default_of_the_simulator();
         if !all.contains(&own) {
             all.push(own);
@@ -108,7 +108,7 @@ impl Bout {
     pub fn new(contender: &Contender, mesh: &TetMesh, materials: &OrganMaterials, drag_1_s: f32) -> Result<Self, MaterialError> {
         let body = Body::new(mesh, materials)?;
         let model = ModelState::new(contender.model, None, &body, mesh, materials)?;
-        let settings = TissueSettings { model: contender.model, substeps: contender.substeps, drag_1_s, ..TissueSettings::default() };
+        let settings = TissueSettings { model: contender.model, substeps: contender.substeps, drag_1_s, sleep: false, ..TissueSettings::default() };
         Ok(Self { body, model, state: TissueState::at_rest(mesh), settings, ticks_s: Vec::new() })
     }
 
