@@ -108,7 +108,8 @@ impl Bout {
     pub fn new(contender: &Contender, mesh: &TetMesh, materials: &OrganMaterials, drag_1_s: f32) -> Result<Self, MaterialError> {
         let body = Body::new(mesh, materials)?;
         let model = ModelState::new(contender.model, None, &body, mesh, materials)?;
-        let settings = TissueSettings { model: contender.model, substeps: contender.substeps, drag_1_s, sleep: false, ..TissueSettings::default() };
+        let settings =
+            TissueSettings { model: contender.model, substeps: contender.substeps, drag_1_s, sleep: false, ..TissueSettings::default() };
         Ok(Self { body, model, state: TissueState::at_rest(mesh), settings, ticks_s: Vec::new() })
     }
 

@@ -101,12 +101,6 @@ impl MaterialMap {
         self.begun
     }
 
-    /// How far a blade that rests has moved from where it cut last, m.
-    #[must_use]
-    pub fn strayed_m(&self, now: WorldLine) -> f64 {
-        self.last.map_or(0.0, |last| last.tip.distance(now.tip).max(last.heel.distance(now.heel)))
-    }
-
     /// Forgets the stroke.
     pub fn reset(&mut self) {
         *self = Self::default();

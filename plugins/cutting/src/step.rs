@@ -12,6 +12,9 @@ use keyhole_tetmesh::{DVec3, FaceKey, NodeId, TetId, TetMesh};
 /// not run exactly through nodes of a regular mesh. Far below any length that matters, far above rounding.
 const GENERIC: f64 = 1e-7;
 
+/// A blade that another one keeps waiting for this many lines waits no longer.
+const LONGEST_WAIT: usize = 600;
+
 /// How a blade takes a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mode {
@@ -34,7 +37,8 @@ impl Cutter {
         let line = self.generic(line);
         let course = self.course(blade);
         self.courses[course].waiting.push_back(line);
-        let swept_m2 = self.catch_up(mesh, course, Mode::Polite);
+        let waits_long = self.courses[course].waiting.len() > LONGEST_WAIT;
+        let swept_m2 = self.catch_up(mesh, course, if waits_long { Mode::Forced } else { Mode::Polite });
         StepReport { operations: self.operations.since(counted), swept_m2 }
     }
 
