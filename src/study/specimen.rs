@@ -1,7 +1,7 @@
 //! What soft-tissue models are compared on: bodies with loads whose answer is known, in closed form or by the reference.
 //!
 //! Every load is one that all models know: nodes fixed in place, gravity, and forces on nodes. A force is an attachment that gives way by
-//! [`COMPLIANCE`] metres a newton towards a point as far away as that takes, so that it changes by less than a thousandth of itself on the way.
+//! `COMPLIANCE` metres a newton towards a point as far away as that takes, so that it changes by less than a thousandth of itself on the way.
 
 use crate::study::plan::phantom_kidneys;
 use bevy_math::{DVec3, Vec3};
