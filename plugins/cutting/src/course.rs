@@ -20,6 +20,9 @@ const RETURN: f64 = 2.5;
 /// Lines of a trail lie this part of the mean edge apart.
 const SPACING: f64 = 0.2;
 
+/// How much longer than the straight one a way is that still goes forward.
+const DETOUR: f64 = 1.2;
+
 /// Whose blade a line is. One organ may be cut by several at once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct BladeId(pub u64);
@@ -79,12 +82,12 @@ impl Course {
         let away = trail.iter().map(|old| distance(old, line)).enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
         let goes_on = away.filter(|(_, d)| *d < PAUSE * mean_edge_m);
         trail.truncate(goes_on.map_or(0, |(nearest, _)| nearest + 1));
-        trail
+        straight_end(trail)
     }
 
     /// The lines of late, for a stroke that is ended in the middle of it and begun anew.
     pub fn take_trail(&mut self) -> Vec<Vec<DVec3>> {
-        std::mem::take(&mut self.trail).into()
+        straight_end(std::mem::take(&mut self.trail).into())
     }
 
     /// Ends the stroke; the trail stays.
@@ -145,6 +148,20 @@ pub(crate) fn distance(a: &[DVec3], b: &[DVec3]) -> f64 {
         return f64::INFINITY;
     }
     a.iter().zip(b).map(|(p, q)| p.distance(*q)).fold(0.0, f64::max)
+}
+
+/// The last part of a trail, as far as it goes forward: to go over a small circle once more would cut across it again and again.
+fn straight_end(mut trail: Vec<Vec<DVec3>>) -> Vec<Vec<DVec3>> {
+    let Some(last) = trail.last().cloned() else { return trail };
+    let (mut way, mut start) = (0.0, trail.len() - 1);
+    while start > 0 {
+        way += distance(&trail[start - 1], &trail[start]);
+        if way > DETOUR * distance(&trail[start - 1], &last) {
+            break;
+        }
+        start -= 1;
+    }
+    trail.split_off(start)
 }
 
 /// A line of `count` points along another one.
