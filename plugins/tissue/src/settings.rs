@@ -7,7 +7,7 @@ use bevy_ecs::prelude::*;
 /// Which method steps the tissue. Both have the same energy, elements and masses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Solver {
-    /// The implicit midpoint rule by Newton's method: right at rest and in motion with one substep. See [`crate::implicit`].
+    /// Two implicit stages a substep (Alexander 1977) by Newton's method: right at rest and in motion with one substep. See [`crate::implicit`].
     #[default]
     Implicit,
     /// Extended position-based dynamics with small steps: softer than the material where substeps are few or the material is stiff. See
