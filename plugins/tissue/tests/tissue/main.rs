@@ -10,3 +10,4 @@ mod models;
 mod reference;
 mod statics;
 mod tick;
+mod torsion;
