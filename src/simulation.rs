@@ -11,6 +11,7 @@ use bevy::time::{TimePlugin, TimeUpdateStrategy};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use keyhole_cutting::CuttingPlugin;
+use keyhole_grasping::GraspingPlugin;
 use keyhole_hud::HudPlugin;
 use keyhole_instruments::{InstrumentsPlugin, ScriptClock};
 use keyhole_tissue::TissuePlugin;
@@ -67,7 +68,7 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
     add_engine(&mut app, settings);
     app.set_error_handler(count_fault)
         .insert_resource(Time::<Fixed>::from_hz(TICKS_PER_SECOND))
-        .add_plugins((WhiteboardPlugin, InstrumentsPlugin, CuttingPlugin, TissuePlugin))
+        .add_plugins((WhiteboardPlugin, InstrumentsPlugin, GraspingPlugin, CuttingPlugin, TissuePlugin))
         .add_systems(First, (stop_on_fault, reset).chain());
     match settings.output {
         Output::None => {}

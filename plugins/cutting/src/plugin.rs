@@ -8,8 +8,8 @@ use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Attachments, Blade, CutSettings, CutStatus, FragmentDetached, FreedFrom, InstrumentPose, Organ, OrganMaterials, SceneRequirements,
-    TickSystems, TissueMesh, TissueState, TopologyChanged,
+    Anchor, Attachment, Attachments, Blade, CutSettings, CutStatus, FragmentDetached, FreedFrom, InstrumentPose, Organ, OrganMaterials,
+    SceneRequirements, TickSystems, TissueMesh, TissueState, TopologyChanged,
 };
 use std::collections::BTreeMap;
 
@@ -51,7 +51,9 @@ fn detach_fragments(
     ordered.sort_by_key(|o| o.0);
     for (donor, organ, materials, attachments, mut mesh, mut state) in ordered {
         state.look_for_fragments = false;
-        let held: Vec<_> = attachments.0.iter().filter(|a| a.until_s.is_infinite()).flat_map(|a| a.point.iter().map(|(n, _)| *n)).collect();
+        // What a hand holds does not tell which piece is the organ.
+        let stays = |a: &&Attachment| a.until_s.is_infinite() && matches!(a.anchor, Anchor::Space(_));
+        let held: Vec<_> = attachments.0.iter().filter(stays).flat_map(|a| a.point.iter().map(|(n, _)| *n)).collect();
         for Fragment { mesh, donor_nodes } in fragment::detach(&mut mesh.0, &mut state.cutter, &held) {
             status.fragments += 1;
             let name = format!("{} piece {}", organ.name, status.fragments);

@@ -5,7 +5,9 @@ use crate::intent::{HudState, Intent};
 use bevy::prelude::*;
 use bevy_egui::egui::{self, Align2, Color32, RichText, Ui};
 use bevy_egui::{EguiContexts, PrimaryEguiContext};
-use keyhole_whiteboard::{Blade, CutMethod, CutPattern, CutSettings, CutStatus, Instrument, KeyMap, SimulationControl, TickCost, ViewMode};
+use keyhole_whiteboard::{
+    Blade, CutMethod, CutPattern, CutSettings, CutStatus, Grasp, Instrument, KeyMap, SimulationControl, TickCost, ViewMode,
+};
 
 const ACTIVE: Color32 = Color32::from_rgb(255, 160, 60);
 const QUIET: Color32 = Color32::from_gray(150);
@@ -26,7 +28,7 @@ pub fn draw_hud(
     cost: Res<TickCost>,
     meshes: Res<MeshFigures>,
     keys: Res<KeyMap>,
-    instruments: Query<(&Instrument, Option<&Blade>)>,
+    instruments: Query<(&Instrument, Option<&Blade>, Option<&Grasp>)>,
 ) -> Result {
     if present.is_empty() {
         return Ok(());
@@ -44,12 +46,15 @@ pub fn draw_hud(
             let mut named = instruments.iter().peekable();
             if named.peek().is_some() {
                 ui.separator();
-                for (instrument, blade) in named {
-                    let active = blade.is_some_and(|b| b.active);
-                    ui.label(if active {
-                        RichText::new(format!("{}: blade active", instrument.name)).color(ACTIVE)
-                    } else {
-                        RichText::new(&instrument.name).color(QUIET)
+                for (instrument, blade, grasp) in named {
+                    let does = match grasp.filter(|g| g.points > 0) {
+                        _ if blade.is_some_and(|b| b.active) => Some("blade active".to_owned()),
+                        Some(g) => Some(format!("pinches {:.1} N, pulls {:.1} N{}", g.pinch_n, g.pull_n.length(), slips(g))),
+                        None => None,
+                    };
+                    ui.label(match does {
+                        Some(does) => RichText::new(format!("{}: {does}", instrument.name)).color(ACTIVE),
+                        None => RichText::new(&instrument.name).color(QUIET),
                     });
                 }
             }
@@ -73,6 +78,11 @@ pub fn draw_hud(
         });
     }
     Ok(())
+}
+
+/// A grasp is slipping when more than half of its points slide.
+fn slips(grasp: &Grasp) -> &'static str {
+    if 2 * grasp.sliding > grasp.points { ", slips" } else { "" }
 }
 
 fn show_control(ui: &mut Ui, intent: &mut Intent, view: ViewMode, control: &SimulationControl) {

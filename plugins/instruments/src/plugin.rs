@@ -13,7 +13,7 @@ use bevy_input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseBut
 use bevy_math::Vec2;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, CuttingLine, Endoscope, Hand, Instrument, InstrumentPose, Jaws, KeyMap, PointerClaims, Port, SceneRequirements,
+    Blade, CuttingLine, Endoscope, Grasp, Hand, Instrument, InstrumentPose, Jaws, KeyMap, PointerClaims, Port, SceneRequirements,
     SimulationControl, TickSystems,
 };
 
@@ -54,7 +54,7 @@ fn performing(control: Res<SimulationControl>) -> bool {
     control.demonstration
 }
 
-/// Gives a new instrument its cutting line, unless the scene gave one, and its model.
+/// Gives a new instrument its cutting line and its pads, unless the scene gave them, and its model.
 fn equip(added: On<Add, Instrument>, instruments: Query<(&Instrument, Option<&CuttingLine>)>, mut commands: Commands) {
     let Ok((instrument, given)) = instruments.get(added.entity) else { return };
     let line = given.copied().or_else(|| tools::cutting_line(instrument.kind));
@@ -63,6 +63,9 @@ fn equip(added: On<Add, Instrument>, instruments: Query<(&Instrument, Option<&Cu
     entity.insert_if_new(model);
     if let Some(line) = line {
         entity.insert_if_new(line);
+    }
+    if let Some(pads) = tools::jaw_pads(instrument.kind, instrument.shaft_radius_m) {
+        entity.insert_if_new(pads);
     }
 }
 
@@ -167,12 +170,17 @@ fn move_endoscope(
 
 type Cuts<'a> = (&'a CuttingLine, &'a mut JawStroke, &'a mut Blade);
 
-fn publish_instruments(mut instruments: Query<(&Instrument, &Port, Ref<TrocarState>, &mut InstrumentPose, &mut Jaws, Option<Cuts>)>) {
-    for (instrument, port, state, mut pose, mut jaws, cuts) in &mut instruments {
+type Published<'a> =
+    (&'a Instrument, &'a Port, Ref<'a, TrocarState>, Option<&'a Grasp>, &'a mut InstrumentPose, &'a mut Jaws, Option<Cuts<'a>>);
+
+fn publish_instruments(mut instruments: Query<Published>) {
+    for (instrument, port, state, grasp, mut pose, mut jaws, cuts) in &mut instruments {
         let now = PortFrame::of(port).pose(&state);
         // An instrument that has just come has not moved here from anywhere, and its jaws stand as they are.
         let came = state.is_added();
-        let now_rad = (1.0 - state.grip) * tools::widest_angle_rad(instrument.kind);
+        // Tissue between the jaws stops them.
+        let stop_rad = grasp.map_or(0.0, |g| g.least_angle_rad);
+        let now_rad = ((1.0 - state.grip) * tools::widest_angle_rad(instrument.kind)).max(stop_rad);
         let before_rad = if came { now_rad } else { jaws.angle_rad };
         if let Some((line, mut stroke, mut blade)) = cuts {
             let controls = Controls { pedal: state.pedal && !came, before_rad, now_rad };

@@ -5,10 +5,12 @@
 
 use crate::model::{Profile, Ring};
 use bevy_math::Vec3;
-use keyhole_whiteboard::{CutTrigger, CuttingLine, InstrumentKind, Joint, LineShape, ToolModel, ToolPart};
+use keyhole_whiteboard::{CutTrigger, CuttingLine, InstrumentKind, JawPads, Joint, LineShape, ToolModel, ToolPart};
 
 /// Length of a grasper's jaws from their pivot, m.
 pub const GRASPER_JAW_M: f32 = 0.020;
+/// From the middle plane to each pad of a closed grasper, m: the depth of its teeth.
+pub const PAD_GAP_M: f32 = 0.0003;
 /// Length of scissors' blades from their pivot, m.
 pub const SCISSORS_JAW_M: f32 = 0.018;
 /// Length of a hook's blade where the scene says nothing, m.
@@ -43,6 +45,17 @@ pub fn cutting_line(kind: InstrumentKind) -> Option<CuttingLine> {
         InstrumentKind::Scalpel => (edge(SCALPEL_BLADE_M, SCALPEL_DROP_M), CutTrigger::Pedal),
     };
     Some(CuttingLine { line, trigger, kerf_m: 0.0 })
+}
+
+/// The pads of a kind of instrument with a shaft of this radius (m): those of a grasper, as its model has them.
+#[must_use]
+pub fn jaw_pads(kind: InstrumentKind, shaft_radius_m: f32) -> Option<JawPads> {
+    (kind == InstrumentKind::Grasper).then_some(JawPads {
+        from_m: 0.15 * GRASPER_JAW_M,
+        to_m: 0.95 * GRASPER_JAW_M,
+        half_width_m: 0.74 * shaft_radius_m,
+        closed_gap_m: PAD_GAP_M,
+    })
 }
 
 /// How far ahead of the frame's origin the point lies that a hand steers, m: the blade's tip, or the end of the jaws' pads.

@@ -6,6 +6,7 @@
 pub mod attachment;
 pub mod control;
 pub mod cutting;
+pub mod grasp;
 pub mod instrument;
 pub mod organ;
 pub mod scene;
@@ -14,6 +15,7 @@ pub mod tick;
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
 pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
+pub use grasp::{Grasp, JawPads};
 pub use instrument::{
     Blade, CutTrigger, CuttingLine, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, LineShape, PartMesh, Port,
     ToolModel, ToolPart,

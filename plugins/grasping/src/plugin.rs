@@ -1,0 +1,150 @@
+//! Glue: jaws on the whiteboard take hold of the organs on it.
+
+use crate::friction;
+use crate::locate::{is_whole, position, tissue_at};
+use crate::pads::{CELLS, Jaw, PadPoint, centres};
+use crate::settings::GraspSettings;
+use bevy_app::prelude::*;
+use bevy_ecs::prelude::*;
+use bevy_math::Vec3;
+use keyhole_whiteboard::{
+    Anchor, Attachment, Attachments, Grasp, InstrumentPose, JawPads, Jaws, SceneRequirements, TickSystems, TissueMesh, TissueState,
+};
+
+/// Jaws with pads hold tissue, in [`TickSystems::Gesture`].
+pub struct GraspingPlugin;
+
+impl Plugin for GraspingPlugin {
+    fn build(&self, app: &mut App) {
+        app.init_resource::<GraspSettings>()
+            .register_required_components::<JawPads, Grip>()
+            .add_systems(FixedUpdate, grasp.in_set(TickSystems::Gesture).run_if(SceneRequirements::instruments));
+    }
+}
+
+/// What the jaws were at in the last tick. Written by grasping.
+#[derive(Component, Clone, Copy, Debug, Default)]
+struct Grip {
+    /// Their angle from the shaft's axis, rad.
+    angle_rad: f32,
+    /// Whether they take hold of what they touch: since they began to close, until they open.
+    takes: bool,
+    /// Their angle when they first had hold from both sides, rad; zero before.
+    touched_rad: f32,
+}
+
+/// Sums over the points of a grasp.
+#[derive(Default)]
+struct Tally {
+    grasp: Grasp,
+    cells: [bool; CELLS],
+    /// Points on each jaw.
+    jaws: [u32; 2],
+}
+
+type Tool<'a> = (Entity, &'a JawPads, &'a InstrumentPose, &'a Jaws, &'a mut Grip, &'a mut Grasp);
+type Tissue<'a> = (Entity, &'a TissueMesh, &'a TissueState, &'a mut Attachments);
+
+fn grasp(mut tools: Query<Tool>, mut organs: Query<Tissue>, settings: Res<GraspSettings>) {
+    let mut tools: Vec<_> = tools.iter_mut().collect();
+    tools.sort_by_key(|t| t.0);
+    let mut organs: Vec<_> = organs.iter_mut().collect();
+    organs.sort_by_key(|o| o.0);
+    for (instrument, pads, pose, jaws, mut grip, mut grasp) in tools {
+        let (before_rad, now_rad) = (grip.angle_rad, jaws.angle_rad);
+        grip.angle_rad = now_rad;
+        grip.takes = now_rad < before_rad || (grip.takes && now_rad <= before_rad);
+        if !grip.takes && grasp.points == 0 {
+            continue;
+        }
+        let compliance = CELLS as f32 / settings.stiffness_n_m;
+        let mut tally = Tally::default();
+        for (_, mesh, state, attachments) in &mut organs {
+            if attachments.0.iter().all(|a| tool_point(a, instrument).is_none()) {
+                continue;
+            }
+            attachments.0.retain_mut(|a| {
+                let Some(local) = tool_point(a, instrument) else { return true };
+                if !is_whole(&mesh.0, &a.point) {
+                    return false;
+                }
+                let pad = Vec3::from(pose.before.transform_point(local));
+                let force = (pad - position(&a.point, &state.positions)) / compliance;
+                let force = pose.before.rotation.inverse() * force;
+                let Some(point) = tally.hold(local, force, pads, before_rad, &settings) else { return false };
+                a.anchor = Anchor::Tool { instrument, local: point.place(pads, now_rad) };
+                true
+            });
+        }
+        if grip.takes {
+            take_hold(instrument, &mut tally, pads, pose, now_rad, compliance, &mut organs);
+        }
+        tally.grasp.pinch_n /= 2.0;
+        tally.grasp.pull_n = pose.before.rotation * tally.grasp.pull_n;
+        tally.grasp.points = tally.jaws.iter().sum();
+        if tally.grasp.points == 0 {
+            grip.touched_rad = 0.0;
+        } else if tally.jaws.iter().all(|points| *points > 0) {
+            if grip.touched_rad <= 0.0 {
+                grip.touched_rad = now_rad;
+            }
+            let full = if tally.grasp.pinch_n >= settings.most_pinch_n { now_rad } else { 0.0 };
+            tally.grasp.least_angle_rad = full.max(settings.least_thickness * grip.touched_rad);
+        }
+        grasp.set_if_neq(tally.grasp);
+    }
+}
+
+/// Where an attachment holds its point in the frame of this instrument, m.
+fn tool_point(attachment: &Attachment, of: Entity) -> Option<Vec3> {
+    match attachment.anchor {
+        Anchor::Tool { instrument, local } if instrument == of => Some(local),
+        Anchor::Tool { .. } | Anchor::Space(_) => None,
+    }
+}
+
+impl Tally {
+    /// Where a point that is held at `local` (m) with a force on the tissue (N, both in the instrument's frame) is held from now on; `None` where it is lost.
+    fn hold(&mut self, local: Vec3, force_n: Vec3, pads: &JawPads, angle_rad: f32, settings: &GraspSettings) -> Option<PadPoint> {
+        let was = PadPoint::at(local, angle_rad);
+        let compliance = CELLS as f32 / settings.stiffness_n_m;
+        let hold = friction::hold(force_n, was.jaw.inward(angle_rad), settings.friction, compliance)?;
+        let point = PadPoint::at(local + hold.slide_m, angle_rad);
+        let cell = point.cell(pads)?;
+        self.cells[cell] = true;
+        self.jaws[usize::from(was.jaw == Jaw::Lower)] += 1;
+        self.grasp.pinch_n += hold.normal_n;
+        self.grasp.pull_n -= hold.force_n;
+        self.grasp.sliding += u32::from(hold.slide_m != Vec3::ZERO);
+        Some(point)
+    }
+}
+
+/// Cells that hold nothing take hold of the tissue that they are inside of.
+fn take_hold(
+    instrument: Entity,
+    tally: &mut Tally,
+    pads: &JawPads,
+    pose: &InstrumentPose,
+    angle_rad: f32,
+    compliance_m_n: f32,
+    organs: &mut [(Entity, &TissueMesh, &TissueState, Mut<Attachments>)],
+) {
+    let mut empty: Vec<PadPoint> = centres(pads).zip(tally.cells).filter(|(_, held)| !held).map(|(point, _)| point).collect();
+    for (_, mesh, state, attachments) in organs {
+        // An organ that has no state yet, or was cut in this very tick.
+        if empty.is_empty() || state.positions.len() != mesh.0.node_slots() {
+            continue;
+        }
+        // Where the pads were when the tissue was last where it is.
+        let places: Vec<Vec3> = empty.iter().map(|p| pose.before.transform_point(p.place(pads, angle_rad)).into()).collect();
+        let mut found = tissue_at(&mesh.0, &state.positions, &places).into_iter();
+        empty.retain(|point| {
+            let Some(tissue) = found.next().flatten() else { return true };
+            let anchor = Anchor::Tool { instrument, local: point.place(pads, angle_rad) };
+            attachments.0.push(Attachment { point: tissue, anchor, compliance_m_n, until_s: f64::INFINITY });
+            tally.jaws[usize::from(point.jaw == Jaw::Lower)] += 1;
+            false
+        });
+    }
+}
