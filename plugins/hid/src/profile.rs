@@ -267,6 +267,9 @@ pub enum Effort {
     Grip,
 }
 
+/// Least difference between the counts of both ends: a millionth of what a field can tell apart.
+const LEAST_COUNTS: f64 = 1e-6;
+
 fn options() -> Options {
     Options::default().with_default_extension(Extensions::IMPLICIT_SOME)
 }
@@ -368,8 +371,8 @@ impl Axis {
     fn check(&self, name: &str) -> Result<(), String> {
         self.from.check(name)?;
         let finite = |(a, b): (f64, f64)| a.is_finite() && b.is_finite() && a.abs() < 1e10 && b.abs() < 1e10;
-        if self.counts.is_some_and(|c| !finite(c) || c.0 == c.1) {
-            return Err(format!("{name}: `counts` are two different numbers"));
+        if self.counts.is_some_and(|c| !finite(c) || (c.1 - c.0).abs() < LEAST_COUNTS) {
+            return Err(format!("{name}: `counts` are two different numbers, below 1e10 and not nearer than {LEAST_COUNTS}"));
         }
         if !finite(self.means) || self.means.0 == self.means.1 {
             return Err(format!("{name}: `means` are two different numbers: what the axis reads at both ends"));
