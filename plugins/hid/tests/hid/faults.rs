@@ -1,10 +1,7 @@
 //! What a device can do to a procedure: each fault comes in the middle of a grasp, on the virtual clock, through the code that real devices go through.
-#![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
-
-mod common;
 
 use bevy_math::{Isometry3d, Vec3};
-use common::*;
+use crate::common::*;
 use keyhole_hid::virtual_bus::Feed;
 use keyhole_hid::{Profile, VirtualDevice};
 use keyhole_whiteboard::{
@@ -71,7 +68,7 @@ fn garbage_and_half_reports_freeze_the_hand_and_are_said() {
     let empty_or_long = |at_s: f64| if (at_s * 1e3) as u64 % 2 == 0 { vec![0] } else { vec![0xff; 3] };
     for feed in [fault(noise), fault(half), fault(empty_or_long)] {
         let (mut app, _) = theatre(vec![device("a", always(), feed)], vec![profile()]);
-        run_until(&mut app, 1.99);
+        run_until(&mut app, 1.95);
         let (before, refused) = (hand(&app, Hand::Right), status(&app).refused);
         assert!(before.live && refused == 0);
         run_until(&mut app, 2.5);

@@ -1,5 +1,4 @@
 //! A made-up device with five axes and a pedal, and a theatre without a room around it.
-#![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
 use bevy_app::prelude::*;
 use bevy_time::{Fixed, Time, TimePlugin, TimeUpdateStrategy};

@@ -1,9 +1,6 @@
 //! Long streams, and devices of each shipped profile.
-#![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use keyhole_hid::calibrate::{Observer, STAGES, blank, put};
 use keyhole_hid::profile::HandChoice;
 use keyhole_hid::shipped::shipped;
