@@ -1,6 +1,7 @@
 //! The command line: one file a subcommand. What a command prints, where it writes and how it fails is said in each.
 
 pub mod cut;
+pub mod device;
 pub mod failure;
 pub mod mesh;
 pub mod phantom;
@@ -38,6 +39,8 @@ pub enum Command {
     Study(study::StudyArgs),
     /// Check a scene or start a new one.
     Scene(scene::SceneArgs),
+    /// List HID devices, watch one, or write a profile for it.
+    Device(device::DeviceArgs),
     /// Write a synthetic abdomen scan with its labels.
     Phantom(phantom::PhantomArgs),
 }
@@ -77,6 +80,7 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
         Some(Command::Cut(args)) => cut::run(&args),
         Some(Command::Study(args)) => study::run(&args),
         Some(Command::Scene(args)) => scene::run(&args),
+        Some(Command::Device(args)) => device::run(&args),
         Some(Command::Phantom(args)) => phantom::run(args),
     }
 }

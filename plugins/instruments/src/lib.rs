@@ -1,8 +1,9 @@
 //! Instruments: trocar kinematics, the trainee's hands on mouse and keyboard, the scripted demonstration, tool models, jaws and blades.
 //!
-//! [`kinematics`], [`hands`], [`script`], [`mod@line`] and [`tools`] are plain functions over plain data; [`plugin`] is the glue. Whatever moves an
-//! instrument, a mouse or a script, moves its [`TrocarState`], and the pose follows from that alone: the shaft cannot leave its port.
+//! [`kinematics`], [`hands`], [`mod@device`], [`script`], [`mod@line`] and [`tools`] are plain functions over plain data; [`plugin`] is the glue. Whatever moves an
+//! instrument, a mouse, a device or a script, moves its [`TrocarState`], and the pose follows from that alone: the shaft cannot leave its port.
 
+pub mod device;
 pub mod error;
 pub mod hands;
 pub mod kinematics;
@@ -12,6 +13,7 @@ pub mod plugin;
 pub mod script;
 pub mod tools;
 
+pub use device::DeviceClutch;
 pub use error::ScriptError;
 pub use hands::{HandInput, HandSettings, KEYS};
 pub use kinematics::{PortFrame, TrocarLimits, TrocarState};

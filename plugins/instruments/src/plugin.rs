@@ -1,5 +1,6 @@
 //! Glue: gathers the trainee's input at frame rate, and each tick moves every instrument and the endoscope.
 
+use crate::device::{DeviceClutch, device_tick};
 use crate::hands::{HandInput, HandSettings, KEYS, Moved, hand_tick, scope_tick};
 use crate::kinematics::{PortFrame, TrocarLimits, TrocarState};
 use crate::line::{Controls, JawStroke, blade_now};
@@ -13,8 +14,8 @@ use bevy_input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseBut
 use bevy_math::Vec2;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, CuttingLine, Endoscope, Grasp, Hand, Instrument, InstrumentPose, Jaws, KeyMap, PointerClaims, Port, SceneRequirements,
-    SimulationControl, TickSystems,
+    Blade, CuttingLine, DeviceHands, Endoscope, Grasp, Hand, Instrument, InstrumentPose, Jaws, KeyMap, PointerClaims, Port,
+    SceneRequirements, SenseSystems, SimulationControl,
 };
 
 /// Pixels of a touchpad's scroll that count as one notch of a wheel.
@@ -31,19 +32,20 @@ impl Plugin for InstrumentsPlugin {
             .init_resource::<Script>()
             .init_resource::<ScriptClock>()
             .register_required_components::<TrocarState, TrocarLimits>()
+            .register_required_components::<Instrument, DeviceClutch>()
             .register_required_components::<CuttingLine, JawStroke>()
             .add_observer(equip)
             .add_systems(RunFixedMainLoop, gather_input.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop))
             .add_systems(
                 FixedUpdate,
                 (
-                    (drop_input, advance_clock, perform_hands, perform_view).chain().run_if(performing),
-                    (move_active_hand, move_endoscope).chain().run_if(not(performing)),
+                    (drop_input, disengage, advance_clock, perform_hands, perform_view).chain().run_if(performing),
+                    (move_device_hands, move_active_hand, move_endoscope).chain().run_if(not(performing)),
                     publish_instruments,
                     publish_endoscope,
                 )
                     .chain()
-                    .in_set(TickSystems::Sense)
+                    .in_set(SenseSystems::Hands)
                     .run_if(SceneRequirements::instruments),
             );
         app.world_mut().get_resource_or_init::<KeyMap>().push_all(KEYS);
@@ -143,15 +145,35 @@ fn perform_view(
     }
 }
 
+/// When the demonstration is over a device goes on from where the instruments are.
+fn disengage(mut clutches: Query<&mut DeviceClutch>) {
+    for mut clutch in &mut clutches {
+        clutch.set_if_neq(DeviceClutch::default());
+    }
+}
+
+fn move_device_hands(
+    devices: Res<DeviceHands>,
+    mut instruments: Query<(&Hand, &TrocarLimits, &mut TrocarState, &mut DeviceClutch), With<Instrument>>,
+) {
+    for (hand, limits, mut state, mut clutch) in &mut instruments {
+        if let Some(input) = devices.get(*hand) {
+            *state = device_tick(*state, &mut clutch, input, limits);
+        }
+    }
+}
+
+/// A hand that is in a device is not moved by the mouse as well: what it holds while its device has a fault must not be dropped.
 fn move_active_hand(
     input: Res<HandInput>,
+    devices: Res<DeviceHands>,
     settings: Res<HandSettings>,
     time: Res<Time<Fixed>>,
     mut instruments: Query<(&Instrument, &Hand, &TrocarLimits, &mut TrocarState)>,
 ) {
     let dt_s = time.timestep().as_secs_f32();
     for (instrument, hand, limits, mut state) in &mut instruments {
-        if *hand == input.active {
+        if *hand == input.active && devices.get(*hand).is_none() {
             *state = hand_tick(*state, &input, &settings, limits, instrument.shaft_length_m, dt_s);
         }
     }

@@ -6,6 +6,7 @@
 pub mod attachment;
 pub mod control;
 pub mod cutting;
+pub mod device;
 pub mod grasp;
 pub mod instrument;
 pub mod organ;
@@ -15,6 +16,7 @@ pub mod tick;
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
 pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
+pub use device::{AxisInput, DeviceCondition, DeviceHand, DeviceHands, DeviceReport, DeviceStatus, ToolForce};
 pub use grasp::{Grasp, JawPads};
 pub use instrument::{
     Blade, CutTrigger, CuttingLine, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, LineShape, PartMesh, Port,
@@ -22,4 +24,4 @@ pub use instrument::{
 };
 pub use organ::{Anatomy, FragmentDetached, FreedFrom, Organ, OrganMaterial, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
 pub use scene::{Gravity, SceneRequirements};
-pub use tick::{TickCost, TickSystems, WhiteboardPlugin};
+pub use tick::{SenseSystems, TickCost, TickSystems, WhiteboardPlugin};

@@ -1,6 +1,9 @@
 //! One tick of the simulator: the order of its sets, and what each cost.
 
-use crate::{CutSettings, CutStatus, Gravity, KeyMap, PointerClaims, SceneRequirements, SimulationControl, TopologyChanged, ViewMode};
+use crate::{
+    CutSettings, CutStatus, DeviceHands, DeviceStatus, Gravity, KeyMap, PointerClaims, SceneRequirements, SimulationControl,
+    TopologyChanged, ViewMode,
+};
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
 use bevy_ecs::schedule::{LogLevel, ScheduleBuildSettings};
@@ -33,6 +36,15 @@ impl TickSystems {
     /// All sets in order.
     pub const ALL: [Self; 9] =
         [Self::Sense, Self::Gesture, Self::Cut, Self::Adopt, Self::Collide, Self::Tissue, Self::Rigid, Self::Assess, Self::Publish];
+}
+
+/// The order within [`TickSystems::Sense`].
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SenseSystems {
+    /// What the devices say is put up.
+    Devices,
+    /// Hands and script move the instruments.
+    Hands,
 }
 
 /// Wall-clock cost of the stages of a tick. Never read by the simulation.
@@ -78,11 +90,14 @@ impl Plugin for WhiteboardPlugin {
             .init_resource::<KeyMap>()
             .init_resource::<PointerClaims>()
             .init_resource::<TickCost>()
+            .init_resource::<DeviceStatus>()
+            .init_resource::<DeviceHands>()
             .add_message::<TopologyChanged>()
             .edit_schedule(FixedUpdate, |schedule| {
                 schedule.set_build_settings(ScheduleBuildSettings { ambiguity_detection: LogLevel::Error, ..Default::default() });
                 use TickSystems::{Adopt, Assess, Collide, Cut, Gesture, Publish, Rigid, Sense, Tissue};
                 schedule.configure_sets((Sense, Gesture, Cut, Adopt, Collide, Tissue, Rigid, Assess, Publish).chain().run_if(running));
+                schedule.configure_sets((SenseSystems::Devices, SenseSystems::Hands).chain().in_set(Sense));
             })
             .add_systems(FixedUpdate, start_tick.before(TickSystems::Sense).run_if(running))
             .add_systems(FixedUpdate, end_tick.after(TickSystems::Publish).run_if(running));
