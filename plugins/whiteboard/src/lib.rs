@@ -4,6 +4,7 @@
 //! a message; what is a rare event of one entity is an entity event with observers.
 
 pub mod attachment;
+pub mod contact;
 pub mod control;
 pub mod cutting;
 pub mod instrument;
@@ -12,6 +13,7 @@ pub mod scene;
 pub mod tick;
 
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
+pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction};
 pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
 pub use instrument::{
