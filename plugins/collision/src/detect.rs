@@ -17,6 +17,10 @@ use rayon::prelude::*;
 /// Tetrahedra that one task looks at.
 const CHUNK: usize = 2048;
 
+/// A level has a table of its own where its queries are more than this part of the nodes in the table: `nodes / QUERIES_A_NODE`. A table of all nodes
+/// costs about as much as a hundred looks at a node for each of so many queries.
+const QUERIES_A_NODE: usize = 1;
+
 /// What detection looks at of one body.
 #[derive(Clone, Copy, Debug)]
 pub struct Body<'a> {
@@ -68,6 +72,8 @@ pub struct Detector {
     chunks: Vec<Chunk>,
     points: Vec<Vec3A>,
     tags: Vec<Tag>,
+    /// By body and node slot: on which sides of the space that the body shares with others the node is.
+    sides: Vec<Vec<u8>>,
     /// By level.
     tables: Vec<CellTable>,
     hits: Vec<Hit>,
@@ -81,6 +87,7 @@ struct Bounds {
 }
 
 impl Bounds {
+    const EVERYTHING: Self = Self { low: Vec3A::NEG_INFINITY, high: Vec3A::INFINITY };
     const NOTHING: Self = Self { low: Vec3A::INFINITY, high: Vec3A::NEG_INFINITY };
 
     fn add(&mut self, point: Vec3A) {
@@ -95,6 +102,15 @@ impl Bounds {
     fn contains(&self, point: Vec3A) -> bool {
         (point.cmpge(self.low) & point.cmple(self.high)).all()
     }
+
+    fn shared(&self, other: &Self) -> Self {
+        Self { low: self.low.max(other.low), high: self.high.min(other.high) }
+    }
+
+    /// A bit for each of the six sides of the box on which a point is beyond it; of a point that is not a number none.
+    fn sides(&self, point: Vec3A) -> u8 {
+        (point.cmplt(self.low).bitmask() | point.cmpgt(self.high).bitmask() << 3) as u8
+    }
 }
 
 /// A tetrahedron that has to look.
@@ -105,14 +121,26 @@ struct Query {
     level: Level,
 }
 
+/// A number a level.
+#[derive(Clone, Copy, Debug)]
+struct Counts([u32; LEVELS]);
+
+impl Default for Counts {
+    fn default() -> Self {
+        Self([0; LEVELS])
+    }
+}
+
 /// A run of tetrahedron slots of one body: what one task works on.
 #[derive(Clone, Debug, Default)]
 struct Chunk {
     body: usize,
     from: usize,
     queries: Vec<Query>,
-    /// A bit for each level that a query has.
-    levels: u64,
+    /// Queries by level.
+    levels: Counts,
+    /// Nodes that a query listed.
+    found: Vec<u32>,
     hits: Vec<Hit>,
 }
 
@@ -127,20 +155,21 @@ impl Detector {
         self.boxes.clear();
         self.boxes.extend(bodies.iter().map(bounds_of));
         let chunks = self.cut_chunks(bodies);
-        let boxes = &self.boxes;
-        self.chunks[..chunks].par_iter_mut().for_each(|chunk| chunk.find_boxes(bodies, boxes, grading));
         self.gather_nodes(bodies);
-        let levels = self.chunks[..chunks].iter().fold(0, |all, chunk| all | chunk.levels);
+        let (boxes, sides) = (&self.boxes, &self.sides);
+        self.chunks[..chunks].par_iter_mut().for_each(|chunk| chunk.find_boxes(bodies, boxes, sides, grading));
+        let levels = self.serving_levels(chunks);
         let cell = |level: usize| match grading {
             Grading::Hierarchical => cell_of(level as Level),
             Grading::Flat(cell_m) => cell_m,
         };
         let (points, tags) = (&self.points, &self.tags);
         self.tables.resize_with(LEVELS, CellTable::default);
-        let occupied = self.tables.par_iter_mut().enumerate().filter(|(level, _)| levels >> level & 1 == 1);
+        let serves = |level: usize| levels.iter().any(|l| *l == Some(level as Level));
+        let occupied = self.tables.par_iter_mut().enumerate().filter(|(level, _)| serves(*level));
         occupied.for_each(|(level, table)| table.build(cell(level), points, tags));
         let tables = &self.tables;
-        self.chunks[..chunks].par_iter_mut().for_each(|chunk| chunk.look(&bodies[chunk.body], tables));
+        self.chunks[..chunks].par_iter_mut().for_each(|chunk| chunk.look(&bodies[chunk.body], tables, &levels));
         self.hits.clear();
         for chunk in &self.chunks[..chunks] {
             self.hits.extend_from_slice(&chunk.hits);
@@ -170,20 +199,52 @@ impl Detector {
         count
     }
 
-    /// Lists the nodes that may be in a tetrahedron: those in another body's box, and those that may be in their own body.
+    /// The level whose table serves each level that has queries: its own, or, where its queries are so few that a table of all nodes would cost more
+    /// than looking at larger cells, the next coarser one that has queries.
+    fn serving_levels(&self, chunks: usize) -> [Option<Level>; LEVELS] {
+        let mut counts = [0; LEVELS];
+        for chunk in &self.chunks[..chunks] {
+            for (sum, count) in counts.iter_mut().zip(&chunk.levels.0) {
+                *sum += *count as usize;
+            }
+        }
+        let mut serving = [None; LEVELS];
+        // Queries of finer levels that wait for a table.
+        let mut waiting = 0;
+        let mut waiting_from = 0;
+        let coarsest = counts.iter().rposition(|count| *count > 0);
+        for level in 0..LEVELS {
+            waiting += counts[level];
+            if waiting > 0 && (QUERIES_A_NODE * waiting > self.points.len() || Some(level) == coarsest) {
+                serving[waiting_from..=level].fill(Some(level as Level));
+                (waiting, waiting_from) = (0, level + 1);
+            }
+        }
+        serving
+    }
+
+    /// Lists the nodes that may be in a tetrahedron, and on which sides of what bodies share each node is. Those that may be in a tetrahedron are those in another body's box, and those that may be in their own body.
     fn gather_nodes(&mut self, bodies: &[Body]) {
         self.points.clear();
         self.tags.clear();
+        self.sides.resize_with(self.sides.len().max(bodies.len()), Vec::new);
         for (body, of) in bodies.iter().enumerate() {
             let others = |p: Vec3A| self.boxes.iter().enumerate().any(|(other, b)| other != body && b.contains(p));
-            let alone = !self.boxes.iter().enumerate().any(|(other, b)| other != body && b.meets(&self.boxes[body]));
-            if alone && !of.self_collision {
-                continue;
-            }
+            let meeting = self.boxes.iter().enumerate().filter(|(other, b)| *other != body && b.meets(&self.boxes[body]));
+            let shared = meeting.map(|(_, b)| self.boxes[body].shared(b)).reduce(|a, b| Bounds { low: a.low.min(b.low), high: a.high.max(b.high) });
+            let sides = &mut self.sides[body];
+            sides.clear();
+            let space = match (shared, of.self_collision) {
+                (None, false) => continue,
+                (Some(shared), false) => shared,
+                (_, true) => Bounds::EVERYTHING,
+            };
             for (node, (position, role)) in of.positions.iter().zip(of.shape.roles()).enumerate() {
                 let point = Vec3A::from(*position);
+                let side = space.sides(point);
+                sides.push(side);
                 let own = of.self_collision && *role == Role::Surface;
-                if *role != Role::Unused && point.is_finite() && (own || others(point)) {
+                if side == 0 && *role != Role::Unused && point.is_finite() && (own || others(point)) {
                     self.points.push(point);
                     self.tags.push(Tag { body: body as u16, own, node: node as u32 });
                 }
@@ -194,14 +255,16 @@ impl Detector {
 
 impl Chunk {
     /// Lists the tetrahedra of the chunk that may have a node in them, with their boxes and levels.
-    fn find_boxes(&mut self, bodies: &[Body], boxes: &[Bounds], grading: Grading) {
+    fn find_boxes(&mut self, bodies: &[Body], boxes: &[Bounds], sides: &[Vec<u8>], grading: Grading) {
         self.queries.clear();
-        self.levels = 0;
+        self.levels = Counts::default();
+        let sides = &sides[self.body];
         let Body { shape, positions, self_collision } = bodies[self.body];
         let corners = shape.corners();
         let others = |b: &Bounds| boxes.iter().enumerate().any(|(other, o)| other != self.body && o.meets(b));
         for (tet, nodes) in corners.iter().enumerate().take(corners.len().min(self.from + CHUNK)).skip(self.from) {
-            if *nodes == VACANT {
+            // A tetrahedron whose corners are all beyond the same side of the space that is shared has nobody in it.
+            if *nodes == VACANT || nodes.iter().fold(u8::MAX, |all, n| all & sides[n.index()]) != 0 {
                 continue;
             }
             let [a, b, c, d] = nodes.map(|n| Vec3A::from(positions[n.index()]));
@@ -214,29 +277,34 @@ impl Chunk {
                 Grading::Hierarchical => level_of((bounds.high - bounds.low).max_element()),
                 Grading::Flat(_) => 0,
             };
-            self.levels |= 1 << level;
+            self.levels.0[usize::from(level)] += 1;
             self.queries.push(Query { bounds, tet: tet as u32, level });
         }
     }
 
     /// Finds the nodes in the listed tetrahedra.
-    fn look(&mut self, own: &Body, tables: &[CellTable]) {
+    fn look(&mut self, own: &Body, tables: &[CellTable], levels: &[Option<Level>; LEVELS]) {
         self.hits.clear();
         let body = self.body as u16;
         let (corners, positions) = (own.shape.corners(), own.positions);
         for Query { bounds, tet, level } in &self.queries {
             let nodes = corners[*tet as usize];
+            let Some(level) = levels[usize::from(*level)] else { continue };
+            let table = &tables[usize::from(level)];
+            let found = table.list_box(bounds.low, bounds.high, &mut self.found);
             let mut weights = None;
-            tables[usize::from(*level)].visit_box(bounds.low, bounds.high, |point, tag| {
-                if tag.body == body && (!tag.own || nodes.contains(&NodeId(tag.node))) {
-                    return;
+            for at in found {
+                let (point, tag) = table.node(*at);
+                let node = NodeId(tag.node);
+                if tag.body == body && (!tag.own || nodes.contains(&node)) {
+                    continue;
                 }
                 let weights = weights.get_or_insert_with(|| Weights::of(nodes.map(|n| positions[n.index()].into())));
-                if let Some(weights) = weights.and_then(|w| w.inside(point)) {
-                    let (node, tet) = (NodeId(tag.node), TetId(*tet));
-                    self.hits.push(Hit { node_body: tag.body, node, tet_body: body, tet, weights });
+                let Some(weights) = weights else { break };
+                if let Some(weights) = weights.inside(point) {
+                    self.hits.push(Hit { node_body: tag.body, node, tet_body: body, tet: TetId(*tet), weights });
                 }
-            });
+            }
         }
     }
 }

@@ -36,7 +36,7 @@ impl Weights {
     #[must_use]
     pub fn inside(&self, point: Vec3A) -> Option<[f32; 4]> {
         let w = self.at(point);
-        w.iter().all(|w| *w >= 0.0).then_some(w)
+        ((w[0] >= 0.0) & (w[1] >= 0.0) & (w[2] >= 0.0) & (w[3] >= 0.0)).then_some(w)
     }
 
     /// Gradient of the weight of a corner, 1/m: points from the opposite face to the corner.
