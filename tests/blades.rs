@@ -72,7 +72,7 @@ fn cut(ways: Vec<Way>, kerf_m: f32) -> (u32, u32, f64) {
     let mut app = App::new();
     app.add_plugins((TimePlugin, WhiteboardPlugin, CuttingPlugin))
         .insert_resource(TimeUpdateStrategy::FixedTimesteps(1))
-        .insert_resource(SceneRequirements { tissue: true, cutting: true, instruments: true })
+        .insert_resource(SceneRequirements { tissue: true, cutting: true, instruments: true, ..Default::default() })
         .insert_resource(CutSettings::default())
         .add_systems(FixedUpdate, (lead_blades.in_set(TickSystems::Sense), hold_still.in_set(TickSystems::Adopt)));
     let mesh = block();

@@ -62,7 +62,7 @@ fn close(mesh: &TetMesh, ticks: u32) -> (f64, u64) {
     let mut app = App::new();
     app.add_plugins((TimePlugin, WhiteboardPlugin, InstrumentsPlugin, CuttingPlugin))
         .insert_resource(TimeUpdateStrategy::FixedTimesteps(1))
-        .insert_resource(SceneRequirements { tissue: true, cutting: true, instruments: true })
+        .insert_resource(SceneRequirements { tissue: true, cutting: true, instruments: true, ..Default::default() })
         .insert_resource(CutSettings::default())
         .add_systems(FixedUpdate, hold_still.in_set(TickSystems::Adopt));
     let tick_s = app.world().resource::<Time<Fixed>>().timestep().as_secs_f64();

@@ -4,6 +4,7 @@
 //! a message; what is a rare event of one entity is an entity event with observers.
 
 pub mod attachment;
+pub mod contact;
 pub mod control;
 pub mod cutting;
 pub mod device;
@@ -14,6 +15,7 @@ pub mod scene;
 pub mod tick;
 
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
+pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction};
 pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
 pub use device::{AxisInput, DeviceCondition, DeviceHand, DeviceHands, DeviceReport, DeviceStatus, ToolForce};

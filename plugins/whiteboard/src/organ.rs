@@ -6,7 +6,7 @@ use keyhole_tetmesh::{MaterialId, NodeId, TetMesh, TopologyDelta};
 
 /// A soft body. Written by the scene, and by cutting for a freed fragment.
 #[derive(Component, Clone, Debug, PartialEq)]
-#[require(OrganMaterials, crate::Attachments)]
+#[require(OrganMaterials, crate::Attachments, crate::Contacts)]
 pub struct Organ {
     /// Name for the HUD and for reports.
     pub name: String,

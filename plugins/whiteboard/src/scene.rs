@@ -22,6 +22,8 @@ pub struct SceneRequirements {
     pub cutting: bool,
     /// There is an instrument.
     pub instruments: bool,
+    /// There is an organ, and something that it may touch: an instrument, another organ, solid anatomy, or itself once it has been cut.
+    pub collision: bool,
 }
 
 impl SceneRequirements {
@@ -35,6 +37,12 @@ impl SceneRequirements {
     #[must_use]
     pub fn cutting(requirements: Res<Self>) -> bool {
         requirements.cutting
+    }
+
+    /// Run condition of collision.
+    #[must_use]
+    pub fn collision(requirements: Res<Self>) -> bool {
+        requirements.collision
     }
 
     /// Run condition of instruments.
