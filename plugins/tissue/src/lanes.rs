@@ -11,11 +11,34 @@ use std::ops::{Add, Mul, Sub};
 /// Lanes of a vector.
 pub(crate) const LANES: usize = 8;
 
-/// Nodes that a kernel can have at hand.
-pub(crate) const NEAR: usize = 1024;
+/// Nodes that a kernel can have at hand. Few are, in the nearest cache; with so many an index of two bytes needs no test.
+pub(crate) const NEAR: usize = 1 << 14;
 
-/// The nodes at hand: three coordinates and an inverse mass each, 16 KiB that stay in the nearest cache.
-pub(crate) type Near = [[f32; 4]; NEAR];
+/// The nodes at hand: three coordinates and an inverse mass each.
+#[derive(Debug)]
+pub(crate) struct Near(Vec<f32>);
+
+impl Default for Near {
+    fn default() -> Self {
+        // Zeroed memory that is not touched is not there.
+        Self(vec![0.0; 4 * NEAR + 4])
+    }
+}
+
+impl Near {
+    pub(crate) fn nodes(&mut self) -> &mut Nodes {
+        self.0.first_chunk_mut().unwrap_or_else(|| unreachable!("made as long as that"))
+    }
+}
+
+/// [`Near`] as kernels have it.
+pub(crate) type Nodes = [f32; 4 * NEAR + 4];
+
+/// Where a node is in [`Nodes`].
+#[inline(always)]
+pub(crate) fn index(place: usize) -> u16 {
+    (4 * place) as u16
+}
 
 /// Rows of eight numbers, aligned to a load of eight.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,10 +54,10 @@ pub(crate) trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Outp
     fn splat(token: Self::Token, value: f32) -> Self;
     /// A row.
     fn load(token: Self::Token, row: &Eight) -> Self;
-    /// The nodes named, taken apart into coordinates and the fourth number.
-    fn gather(token: Self::Token, near: &Near, at: &[u16; LANES]) -> [Self; 4];
+    /// The nodes at these [`index`]es, taken apart into coordinates and the fourth number.
+    fn gather(token: Self::Token, near: &Nodes, at: &[u16; LANES]) -> [Self; 4];
     /// The reverse of [`Lane::gather`]; a node that is named twice gets the value of the last lane.
-    fn scatter(values: [Self; 4], near: &mut Near, at: &[u16; LANES]);
+    fn scatter(values: [Self; 4], near: &mut Nodes, at: &[u16; LANES]);
     /// `self * b + c`.
     fn mul_add(self, b: Self, c: Self) -> Self;
     /// `c - self * b`.
@@ -67,9 +90,18 @@ pub(crate) fn run<K: Kernel>(kernel: K) {
     kernel.run::<Plain>(());
 }
 
+/// The node at an [`index`].
 #[inline(always)]
-fn at(near: &Near, i: u16) -> [f32; 4] {
-    near[usize::from(i) % NEAR]
+pub(crate) fn at(near: &Nodes, i: u16) -> [f32; 4] {
+    let i = usize::from(i);
+    [near[i], near[i + 1], near[i + 2], near[i + 3]]
+}
+
+/// Changes the node at an [`index`].
+#[inline(always)]
+pub(crate) fn put(near: &mut Nodes, i: u16, value: [f32; 4]) {
+    let i = usize::from(i);
+    near[i..i + 4].copy_from_slice(&value);
 }
 
 /// Eight numbers as two vectors of four.
@@ -122,7 +154,7 @@ impl Lane for Plain {
     }
 
     #[inline(always)]
-    fn gather((): (), near: &Near, nodes: &[u16; LANES]) -> [Self; 4] {
+    fn gather((): (), near: &Nodes, nodes: &[u16; LANES]) -> [Self; 4] {
         let half = |k: usize| {
             let row = |i: usize| Vec4::from_array(at(near, nodes[4 * k + i]));
             Mat4::from_cols(row(0), row(1), row(2), row(3)).transpose()
@@ -132,11 +164,11 @@ impl Lane for Plain {
     }
 
     #[inline(always)]
-    fn scatter([x, y, z, w]: [Self; 4], near: &mut Near, nodes: &[u16; LANES]) {
+    fn scatter([x, y, z, w]: [Self; 4], near: &mut Nodes, nodes: &[u16; LANES]) {
         for k in 0..2 {
             let rows = Mat4::from_cols(x.0[k], y.0[k], z.0[k], w.0[k]).transpose();
             for (i, row) in [rows.x_axis, rows.y_axis, rows.z_axis, rows.w_axis].into_iter().enumerate() {
-                near[usize::from(nodes[4 * k + i]) % NEAR] = row.to_array();
+                put(near, nodes[4 * k + i], row.to_array());
             }
         }
     }
@@ -181,7 +213,7 @@ impl Lane for Plain {
 /// Eight numbers in one register.
 #[cfg(target_arch = "x86_64")]
 mod wide {
-    use super::{Eight, Kernel, LANES, Lane, NEAR, Near, at};
+    use super::{Eight, Kernel, LANES, Lane, Nodes, at, put};
     use pulp::cast;
     use pulp::x86::V3;
     use std::arch::x86_64::{__m128, __m256};
@@ -242,7 +274,7 @@ mod wide {
 
     /// Two nodes, four lanes apart.
     #[inline(always)]
-    fn pair(token: V3, near: &Near, nodes: &[u16; LANES], i: usize) -> __m256 {
+    fn pair(token: V3, near: &Nodes, nodes: &[u16; LANES], i: usize) -> __m256 {
         let low: __m128 = cast(at(near, nodes[i]));
         let high: __m128 = cast(at(near, nodes[i + 4]));
         token.avx._mm256_insertf128_ps::<1>(token.avx._mm256_castps128_ps256(low), high)
@@ -250,9 +282,9 @@ mod wide {
 
     /// The reverse of [`pair`].
     #[inline(always)]
-    fn put(token: V3, near: &mut Near, nodes: &[u16; LANES], i: usize, pair: __m256) {
-        near[usize::from(nodes[i]) % NEAR] = cast(token.avx._mm256_castps256_ps128(pair));
-        near[usize::from(nodes[i + 4]) % NEAR] = cast(token.avx._mm256_extractf128_ps::<1>(pair));
+    fn put_pair(token: V3, near: &mut Nodes, nodes: &[u16; LANES], i: usize, pair: __m256) {
+        put(near, nodes[i], cast(token.avx._mm256_castps256_ps128(pair)));
+        put(near, nodes[i + 4], cast(token.avx._mm256_extractf128_ps::<1>(pair)));
     }
 
     impl Lane for Wide {
@@ -269,20 +301,20 @@ mod wide {
         }
 
         #[inline(always)]
-        fn gather(token: V3, near: &Near, nodes: &[u16; LANES]) -> [Self; 4] {
+        fn gather(token: V3, near: &Nodes, nodes: &[u16; LANES]) -> [Self; 4] {
             let rows = [pair(token, near, nodes, 0), pair(token, near, nodes, 1), pair(token, near, nodes, 2), pair(token, near, nodes, 3)];
             let [x, y, z, w] = transpose(token, rows);
             [Self(token, x), Self(token, y), Self(token, z), Self(token, w)]
         }
 
         #[inline(always)]
-        fn scatter([x, y, z, w]: [Self; 4], near: &mut Near, nodes: &[u16; LANES]) {
+        fn scatter([x, y, z, w]: [Self; 4], near: &mut Nodes, nodes: &[u16; LANES]) {
             let token = x.0;
             let [a, b, c, d] = transpose(token, [x.1, y.1, z.1, w.1]);
-            put(token, near, nodes, 0, a);
-            put(token, near, nodes, 1, b);
-            put(token, near, nodes, 2, c);
-            put(token, near, nodes, 3, d);
+            put_pair(token, near, nodes, 0, a);
+            put_pair(token, near, nodes, 1, b);
+            put_pair(token, near, nodes, 2, c);
+            put_pair(token, near, nodes, 3, d);
         }
 
         #[inline(always)]

@@ -8,7 +8,7 @@
 
 use crate::colouring::Colouring;
 use crate::element::Element;
-use crate::lanes::{Eight, Kernel, LANES, Lane, NEAR, Near};
+use crate::lanes::{Eight, Kernel, LANES, Lane, NEAR, Nodes, at, index, put};
 use crate::lanes_parts::Parts;
 use crate::motion::Shared;
 use crate::xpbd::Constraints;
@@ -23,7 +23,7 @@ struct Batch {
     /// Neo-Hookean: `g_ij` by rows of the upper triangle (1/m2), `1 / 6V` (1/m3), `1 / (mu V)` (1/J), `mu / lambda`. Springs: the rest lengths in the order of
     /// [`EDGES`] (m), `1 / 6V`, the compliances of the strains of length and of volume (1/J).
     rows: [Eight; 9],
-    /// Corners, as places in the part.
+    /// Corners, as [`index`]es of places in the part.
     nodes: [[u16; LANES]; 4],
 }
 
@@ -110,9 +110,9 @@ impl Blocks {
     }
 
     /// Solves the elements of the `i`th part of a colour once, for a substep of `h` s.
-    pub(crate) fn solve(&self, colour: usize, i: usize, h: f32, at: &Shared, near: &mut Near) {
+    pub(crate) fn solve(&self, colour: usize, i: usize, h: f32, shared: &Shared, near: &mut Nodes) {
         let pack = &self.packs[self.parts.colours()[colour][i] as usize];
-        crate::lanes::run(Sweep { pack, constraints: self.constraints, inverse_h2: 1.0 / (h * h), at, near });
+        crate::lanes::run(Sweep { pack, constraints: self.constraints, inverse_h2: 1.0 / (h * h), shared, near });
     }
 
     /// Share of the lanes that have an element.
@@ -179,7 +179,7 @@ impl Pack {
                 batches.push(Batch::vacant(constraints));
                 taken.push(0);
             }
-            batches[batch].set(taken[batch], element, at.map(|n| n as u16), constraints);
+            batches[batch].set(taken[batch], element, at.map(index), constraints);
             taken[batch] += 1;
             if taken[batch] == LANES {
                 full[word] |= 1 << (batch % 64);
@@ -241,17 +241,17 @@ struct Sweep<'a> {
     pack: &'a Pack,
     constraints: Constraints,
     inverse_h2: f32,
-    at: &'a Shared,
-    near: &'a mut Near,
+    shared: &'a Shared,
+    near: &'a mut Nodes,
 }
 
 impl Kernel for Sweep<'_> {
     #[inline(always)]
     fn run<L: Lane>(self, token: L::Token) {
-        let Self { pack, constraints, inverse_h2, at, near } = self;
-        near[0] = [0.0; 4];
-        for (x, node) in near[1..].iter_mut().zip(&pack.nodes) {
-            *x = at.get(*node as usize);
+        let Self { pack, constraints, inverse_h2, shared, near } = self;
+        put(near, 0, [0.0; 4]);
+        for (place, node) in pack.nodes.iter().enumerate() {
+            put(near, index(place + 1), shared.get(*node as usize));
         }
         let inverse_h2 = L::splat(token, inverse_h2);
         match constraints {
@@ -266,8 +266,8 @@ impl Kernel for Sweep<'_> {
                 }
             }
         }
-        for (x, node) in near[1..].iter().zip(&pack.nodes) {
-            at.set(*node as usize, *x);
+        for (place, node) in pack.nodes.iter().enumerate() {
+            shared.set(*node as usize, at(near, index(place + 1)));
         }
     }
 }
@@ -321,20 +321,15 @@ fn less<L: Lane>(a: Vector<L>, s: L, b: Vector<L>) -> Vector<L> {
     [a[0].neg_mul_add(s, b[0]), a[1].neg_mul_add(s, b[1]), a[2].neg_mul_add(s, b[2])]
 }
 
-/// The sum of four products, the first two beside the last.
+/// The sum of four products, each with a weight.
 #[inline(always)]
-fn dots<L: Lane>(a: [Vector<L>; 4], b: [Vector<L>; 4]) -> L {
-    (dot(a[0], b[0]) + dot(a[1], b[1])) + (dot(a[2], b[2]) + dot(a[3], b[3]))
-}
-
-/// Four vectors times a number each.
-#[inline(always)]
-fn weigh<L: Lane>(a: [Vector<L>; 4], w: [L; 4]) -> [Vector<L>; 4] {
-    [times(a[0], w[0]), times(a[1], w[1]), times(a[2], w[2]), times(a[3], w[3])]
+fn weighted<L: Lane>(w: [L; 4], a: [Vector<L>; 4], b: [Vector<L>; 4]) -> L {
+    let first = dot(a[0], b[0]).mul_add(w[0], dot(a[1], b[1]) * w[1]);
+    first + dot(a[2], b[2]).mul_add(w[2], dot(a[3], b[3]) * w[3])
 }
 
 #[inline(always)]
-fn gather<L: Lane>(token: L::Token, batch: &Batch, near: &Near) -> [[L; 4]; 4] {
+fn gather<L: Lane>(token: L::Token, batch: &Batch, near: &Nodes) -> [[L; 4]; 4] {
     [
         L::gather(token, near, &batch.nodes[0]),
         L::gather(token, near, &batch.nodes[1]),
@@ -344,7 +339,7 @@ fn gather<L: Lane>(token: L::Token, batch: &Batch, near: &Near) -> [[L; 4]; 4] {
 }
 
 #[inline(always)]
-fn scatter<L: Lane>(batch: &Batch, x: [Vector<L>; 4], w: [L; 4], near: &mut Near) {
+fn scatter<L: Lane>(batch: &Batch, x: [Vector<L>; 4], w: [L; 4], near: &mut Nodes) {
     L::scatter([x[0][0], x[0][1], x[0][2], w[0]], near, &batch.nodes[0]);
     L::scatter([x[1][0], x[1][1], x[1][2], w[1]], near, &batch.nodes[1]);
     L::scatter([x[2][0], x[2][1], x[2][2], w[2]], near, &batch.nodes[2]);
@@ -363,7 +358,7 @@ fn hydrostatic<L: Lane>(e: [Vector<L>; 3], sixth: L) -> [Vector<L>; 3] {
 }
 
 #[inline(always)]
-fn neo_hookean<L: Lane>(token: L::Token, batch: &Batch, inverse_h2: L, near: &mut Near) {
+fn neo_hookean<L: Lane>(token: L::Token, batch: &Batch, inverse_h2: L, near: &mut Nodes) {
     let rows = &batch.rows;
     let x = gather::<L>(token, batch, near);
     let w = [x[0][3], x[1][3], x[2][3], x[3][3]];
@@ -379,8 +374,7 @@ fn neo_hookean<L: Lane>(token: L::Token, batch: &Batch, inverse_h2: L, near: &mu
     let [ga, gb, gc] = hydrostatic(e, L::load(token, &rows[6]));
     let g = [sum(ga, sum(gb, gc)), ga, gb, gc];
     let ratio = dot(e[0], ga);
-    let wd = weigh(d, w);
-    let (dd, dg) = (dots(d, wd), dots(g, wd));
+    let (dd, dg) = (weighted(w, d, d), weighted(w, d, g));
     // Compliances: `|F|` has its gradient `D / |F|`, so what it yields by is multiplied by `|F|^2`.
     let soft = L::load(token, &rows[7]) * inverse_h2;
     let yields = soft * squares;
@@ -389,23 +383,22 @@ fn neo_hookean<L: Lane>(token: L::Token, batch: &Batch, inverse_h2: L, near: &mu
     let inverse = one.over((dd + yields).max(L::splat(token, f32::MIN_POSITIVE)));
     let t = dg * inverse;
     let r = [less(d[0], t, g[0]), less(d[1], t, g[1]), less(d[2], t, g[2]), less(d[3], t, g[3])];
-    let wr = weigh(r, w);
     let stretch = L::load(token, &rows[8]);
-    let schur = stretch.mul_add(soft, (t * t).mul_add(yields, dots(r, wr)));
+    let schur = stretch.mul_add(soft, (t * t).mul_add(yields, weighted(w, r, r)));
     let lh = t.mul_add(squares, one + stretch - ratio).over(schur);
     let ld = squares * inverse;
     let new = [
-        less(wr[0], lh, along(wd[0], ld, place(x[0]))),
-        along(wr[1], lh, less(wd[1], ld, place(x[1]))),
-        along(wr[2], lh, less(wd[2], ld, place(x[2]))),
-        along(wr[3], lh, less(wd[3], ld, place(x[3]))),
+        less(less(d[0], ld, times(r[0], lh)), w[0], place(x[0])),
+        along(less(d[1], ld, times(r[1], lh)), w[1], place(x[1])),
+        along(less(d[2], ld, times(r[2], lh)), w[2], place(x[2])),
+        along(less(d[3], ld, times(r[3], lh)), w[3], place(x[3])),
     ];
     scatter(batch, new, w, near);
 }
 
 /// The six edges one after the other, then the volume.
 #[inline(always)]
-fn springs<L: Lane>(token: L::Token, batch: &Batch, inverse_h2: L, near: &mut Near) {
+fn springs<L: Lane>(token: L::Token, batch: &Batch, inverse_h2: L, near: &mut Nodes) {
     let rows = &batch.rows;
     let x = gather::<L>(token, batch, near);
     let w = [x[0][3], x[1][3], x[2][3], x[3][3]];
@@ -424,8 +417,36 @@ fn springs<L: Lane>(token: L::Token, batch: &Batch, inverse_h2: L, near: &mut Ne
     let e = [apart(x[1], x[0]), apart(x[2], x[0]), apart(x[3], x[0])];
     let [ga, gb, gc] = hydrostatic(e, L::load(token, &rows[6]));
     let g = [sum(ga, sum(gb, gc)), ga, gb, gc];
-    let wg = weigh(g, w);
-    let step = (L::splat(token, 1.0) - dot(e[0], ga)).over(dots(g, wg) + L::load(token, &rows[8]) * inverse_h2);
-    let new = [less(wg[0], step, x[0]), along(wg[1], step, x[1]), along(wg[2], step, x[2]), along(wg[3], step, x[3])];
+    let step = (L::splat(token, 1.0) - dot(e[0], ga)).over(weighted(w, g, g) + L::load(token, &rows[8]) * inverse_h2);
+    let new = [
+        less(g[0], step * w[0], x[0]),
+        along(g[1], step * w[1], x[1]),
+        along(g[2], step * w[2], x[2]),
+        along(g[3], step * w[3], x[3]),
+    ];
     scatter(batch, new, w, near);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fill_print() {
+        for n in [10_u32, 26] {
+            let mesh = crate::beam::beam(n, n / 2);
+            let body = crate::Body::new(&mesh, &crate::beam::beam_material()).unwrap();
+            let b = Blocks::new(body.elements(), body.colouring(), Constraints::NeoHookean);
+            let sizes: Vec<Vec<(usize, usize, usize)>> = b.parts.colours().iter().map(|c| c.iter().map(|p| (b.parts.items(*p as usize).len(), b.packs[*p as usize].nodes.len(), b.packs[*p as usize].batches.len())).collect()).collect();
+            println!("{} fill {} {:?}", n, b.fill(), sizes);
+        }
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/kidney.vtu");
+        let mesh = keyhole_tetmesh::vtu::read(std::path::Path::new(path)).unwrap();
+        let body = crate::Body::new(&mesh, &crate::beam::beam_material()).unwrap();
+        let start = std::time::Instant::now();
+        let b = Blocks::new(body.elements(), body.colouring(), Constraints::NeoHookean);
+        println!("{:?}", start.elapsed());
+        let sizes: Vec<Vec<(usize, usize, usize)>> = b.parts.colours().iter().map(|c| c.iter().map(|p| (b.parts.items(*p as usize).len(), b.packs[*p as usize].nodes.len(), b.packs[*p as usize].batches.len())).collect()).collect();
+        println!("kidney fill {} {:?}", b.fill(), sizes);
+    }
 }

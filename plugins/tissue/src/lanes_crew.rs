@@ -5,7 +5,9 @@
 //! Workers wait for tasks alone that a running worker has begun, so that any number of them, late or never come, gets to the end. Each begins with a share of its own
 //! of every step, the same in each round, so that what it works on is in its own cache, and then helps the others.
 
+use crate::lanes::{Near, Nodes};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Most workers.
 const MOST: usize = 16;
@@ -32,10 +34,11 @@ struct Step {
     done: AtomicU32,
 }
 
-/// The counters of a run; nothing but memory between runs.
+/// The counters of a run and the memory of its workers; nothing is kept there between runs.
 #[derive(Debug, Default)]
 pub(crate) struct Crew {
     steps: Vec<Step>,
+    memory: Vec<Mutex<Near>>,
 }
 
 impl Clone for Crew {
@@ -46,40 +49,43 @@ impl Clone for Crew {
 
 impl Crew {
     /// Runs `steps` steps one after the other with up to `workers` workers: `tasks` says how many tasks a step has, and `task(step, i, near)` does one of them
-    /// with some memory of its worker's own, made by `near`.
-    pub(crate) fn run<N>(
+    /// with some memory of its worker's own.
+    pub(crate) fn run(
         &mut self,
         workers: usize,
         steps: usize,
         tasks: impl Fn(usize) -> usize + Sync,
-        near: impl Fn() -> N + Sync,
-        task: impl Fn(usize, usize, &mut N) + Sync,
+        task: impl Fn(usize, usize, &mut Nodes) + Sync,
     ) {
         let workers = workers.clamp(1, MOST);
+        self.memory.resize_with(workers.max(self.memory.len()), Mutex::default);
+        let Self { steps: counters, memory } = self;
         if workers == 1 {
-            let mut own = near();
+            let mut own = lock(&memory[0]);
+            let own = own.nodes();
             for step in 0..steps {
                 for i in 0..tasks(step) {
-                    task(step, i, &mut own);
+                    task(step, i, own);
                 }
             }
             return;
         }
-        if self.steps.len() < steps {
-            self.steps.resize_with(steps, Step::default);
+        if counters.len() < steps {
+            counters.resize_with(steps, Step::default);
         }
-        for (number, step) in self.steps.iter_mut().enumerate().take(steps) {
+        for (number, step) in counters.iter_mut().enumerate().take(steps) {
             *step.done.get_mut() = 0;
             let all = tasks(number);
             for (worker, next) in step.next.iter_mut().enumerate().take(workers) {
                 *next.get_mut() = share(all, worker, workers);
             }
         }
-        let counters = &self.steps[..steps];
+        let counters = &counters[..steps];
         let broken = AtomicBool::new(false);
         join_all(workers, &|worker| {
             let _alarm = Alarm(&broken);
-            let mut own = near();
+            let mut own = lock(&memory[worker]);
+            let own = own.nodes();
             for (number, step) in counters.iter().enumerate() {
                 let all = tasks(number);
                 let mut done = 0;
@@ -89,7 +95,7 @@ impl Crew {
                     while step.next[whose].load(Ordering::Relaxed) < end {
                         let i = step.next[whose].fetch_add(1, Ordering::Relaxed);
                         if i < end {
-                            task(number, i as usize, &mut own);
+                            task(number, i as usize, own);
                             done += 1;
                         }
                     }
@@ -110,6 +116,10 @@ impl Crew {
             }
         });
     }
+}
+
+fn lock(memory: &Mutex<Near>) -> MutexGuard<'_, Near> {
+    memory.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Where the share of a worker begins.
@@ -150,8 +160,7 @@ mod tests {
                             workers,
                             sizes.len(),
                             |s| sizes[s],
-                            || (),
-                            |s, i, ()| {
+                            |s, i, _| {
                                 if s > 0 {
                                     let before: u64 = (0..sizes[s - 1] as u64).map(|i| i + 1).sum();
                                     assert_eq!(counts[s - 1].load(Ordering::Relaxed), before * round);

@@ -37,17 +37,12 @@ impl Shared {
 
     #[inline(always)]
     pub(crate) fn get(&self, node: usize) -> [f32; 4] {
-        let [a, b] = &self.0[node];
-        let (a, b) = (a.load(Ordering::Relaxed), b.load(Ordering::Relaxed));
-        [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32].map(f32::from_bits)
+        get(&self.0[node])
     }
 
     #[inline(always)]
     pub(crate) fn set(&self, node: usize, value: [f32; 4]) {
-        let [x, y, z, w] = value.map(|v| u64::from(v.to_bits()));
-        let [a, b] = &self.0[node];
-        a.store(x | y << 32, Ordering::Relaxed);
-        b.store(z | w << 32, Ordering::Relaxed);
+        set(&self.0[node], value);
     }
 
     /// The first three numbers.
@@ -63,6 +58,19 @@ impl Shared {
         let [.., w] = self.get(node);
         self.set(node, [point.x, point.y, point.z, w]);
     }
+}
+
+#[inline(always)]
+fn get([a, b]: &[AtomicU64; 2]) -> [f32; 4] {
+    let (a, b) = (a.load(Ordering::Relaxed), b.load(Ordering::Relaxed));
+    [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32].map(f32::from_bits)
+}
+
+#[inline(always)]
+fn set([a, b]: &[AtomicU64; 2], value: [f32; 4]) {
+    let [x, y, z, w] = value.map(|v| u64::from(v.to_bits()));
+    a.store(x | y << 32, Ordering::Relaxed);
+    b.store(z | w << 32, Ordering::Relaxed);
 }
 
 /// What a step keeps of some nodes beside their positions.
@@ -169,20 +177,23 @@ impl Nodes {
 
     /// Velocities of a row from the way since its substep began, over `h` s.
     pub(crate) fn finish(&self, row: &mut Row, h: f32) {
-        for (i, (v, b)) in row.velocity.iter_mut().zip(&row.before).enumerate() {
-            *v = (self.at.point(row.first + i) - *b) / h;
+        let rate = 1.0 / h;
+        for ((v, b), at) in row.velocity.iter_mut().zip(&row.before).zip(&self.at.0[row.first..]) {
+            let [x, y, z, _] = get(at);
+            *v = (Vec3::new(x, y, z) - *b) * rate;
         }
     }
 
     /// Begins a substep: where inertia and gravity take the nodes of a row, and where those that are driven are at the part `s` of the tick.
     pub(crate) fn begin(&self, row: &mut Row, drift: Vec3, fall: Fall, s: f32) {
-        for (i, (v, b)) in row.velocity.iter().zip(&mut row.before).enumerate() {
-            let [x, y, z, w] = self.at.get(row.first + i);
+        let Fall { h, gravity, decay } = fall;
+        let fallen = (drift - drift * decay + gravity * h) * h;
+        for ((v, b), at) in row.velocity.iter().zip(&mut row.before).zip(&self.at.0[row.first..]) {
+            let [x, y, z, w] = get(at);
             *b = Vec3::new(x, y, z);
-            if w > 0.0 {
-                let x = *b + (drift + (*v - drift) * fall.decay + fall.gravity * fall.h) * fall.h;
-                self.at.set(row.first + i, [x.x, x.y, x.z, w]);
-            }
+            // Written whether it moves or not: a branch costs more.
+            let moved = *b + if w > 0.0 { *v * (decay * h) + fallen } else { Vec3::ZERO };
+            set(at, [moved.x, moved.y, moved.z, w]);
         }
         self.drive(row, s);
     }

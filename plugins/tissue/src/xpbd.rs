@@ -12,7 +12,7 @@ use crate::body::Body;
 use crate::colouring::Colouring;
 use crate::element::Element;
 use crate::hold::Hold;
-use crate::lanes::{NEAR, Near};
+use crate::lanes;
 use crate::lanes_blocks::Blocks;
 use crate::lanes_crew::Crew;
 use crate::membrane::{Membrane, Triangle};
@@ -111,7 +111,7 @@ pub fn step_with(
     };
     let workers = (body.elements.len() / WORTH).clamp(1, rayon::current_num_threads());
     let drifting = Shared::of(1);
-    let task = |step: usize, i: usize, near: &mut Near| {
+    let task = |step: usize, i: usize, near: &mut lanes::Nodes| {
         let substep = step / period;
         let s = (substep + 1) as f32 / n as f32;
         match step % period {
@@ -145,7 +145,7 @@ pub fn step_with(
             k => blocks.solve(k - 2, i, h, &nodes.at, near),
         }
     };
-    crew.run(workers, n * period + 2, tasks, || [[0.0; 4]; NEAR], task);
+    crew.run(workers, n * period + 2, tasks, task);
     nodes.store(state);
     body.xpbd = Xpbd { blocks: Some(blocks), nodes, crew };
 }
