@@ -15,6 +15,7 @@ mod lanes;
 mod lanes_blocks;
 mod lanes_crew;
 mod lanes_parts;
+mod lanes_rows;
 pub mod material;
 pub mod membrane;
 pub mod model;

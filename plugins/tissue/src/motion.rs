@@ -31,7 +31,7 @@ impl Shared {
         new
     }
 
-    fn resize(&mut self, nodes: usize) {
+    pub(crate) fn resize(&mut self, nodes: usize) {
         self.0.resize_with(nodes, Default::default);
     }
 
@@ -86,8 +86,8 @@ pub(crate) struct Row {
     driven: Vec<(usize, Vec3, Vec3)>,
     /// Sum over the nodes of mass times what is asked for, and of the masses.
     pub(crate) sum: (DVec3, f64),
-    /// Two more vectors a node, for those that want them.
-    pub(crate) extra: [Vec<Vec3>; 2],
+    /// More vectors a node, for those that want them.
+    pub(crate) extra: [Vec<Vec3>; 3],
 }
 
 /// The nodes of an organ during a tick.
