@@ -8,7 +8,7 @@ use divan::Bencher;
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_tissue::adopt::adopt;
 use keyhole_tissue::beam::{GRAVITY, REFERENCE, beam, beam_material, clamp, fix, tip_mm};
-use keyhole_tissue::{Body, Hold, Momentum, Solver, TissueSettings};
+use keyhole_tissue::{Body, Hold, ModelState, Momentum, Solver, TeschnerSettings, TissueModel, TissueSettings, VbdSettings, XpbdSettings};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
@@ -26,6 +26,11 @@ const REPEATS: usize = 3;
 fn main() {
     // The number of cubes along the one beam wanted; 0 for none but what follows the beams.
     let only = std::env::var("BEAM_CELLS").ok().and_then(|c| c.parse::<u32>().ok());
+    // The one model of those by iterations wanted, and nothing else.
+    let model = std::env::var("BEAM_MODEL").ok();
+    if model.is_some() {
+        return models(only, model.as_deref());
+    }
     println!("cost: seconds a simulated second, the first after the load is dropped; cpu: the same on one thread by the scheduler's clock");
     println!(
         "tip: at rest, with the same settings, against static Newton on the same mesh; way: largest distance from the way of the tip with 16"
@@ -37,11 +42,11 @@ fn main() {
         let way = pool(2).install(|| scene.way(&exact, 60));
         println!("\n{} tets", scene.mesh.tet_count());
         let implicit = |substeps, tolerance| TissueSettings { substeps, tolerance, ..Default::default() };
-        let xpbd = |substeps| TissueSettings { solver: Solver::Xpbd, substeps, ..Default::default() };
-        for settings in [implicit(1, 0.5), implicit(1, 0.1), implicit(1, 0.01), implicit(2, 0.1), implicit(4, 0.01), xpbd(10), xpbd(40)] {
+        for settings in [implicit(1, 0.5), implicit(1, 0.1), implicit(1, 0.01), implicit(2, 0.1), implicit(4, 0.01)] {
             scene.report(&settings, reference, &way);
         }
     }
+    models(only, None);
     if only.is_none_or(|o| o == 0) {
         kidney();
         slit();
@@ -147,6 +152,71 @@ impl Scene {
             one.cpu_s * 1e9 / tets / f64::from(one.iterations.max(1)),
             self.bytes(settings) as f64 / tets,
             one.allocations,
+        );
+    }
+}
+
+/// The models that go through the elements many times a tick: what one such iteration costs. With `BEAM_CELLS` on
+/// that beam alone, with `BEAM_MODEL` that model alone.
+fn models(only: Option<u32>, name: Option<&str>) {
+    println!("\nmodels by iterations over all elements: ns a tet and iteration by the clock, least of {REPEATS} seconds after the load is dropped");
+    let xpbd = |substeps| TissueModel::Xpbd(XpbdSettings { substeps, ..Default::default() });
+    let vbd = |substeps, iterations| TissueModel::Vbd(VbdSettings { substeps, iterations, ..Default::default() });
+    for ([n, m], reference) in REFERENCE.into_iter().filter(|([n, _], _)| only.is_none_or(|o| o == *n)) {
+        let scene = Scene::beam(n, m);
+        println!("{} tets", scene.mesh.tet_count());
+        for model in [xpbd(10), xpbd(40), vbd(1, 20), vbd(4, 20), TissueModel::Teschner(TeschnerSettings::default())]
+            .into_iter()
+            .filter(|m| name.is_none_or(|n| n == m.name()))
+        {
+            scene.model(model, reference);
+        }
+    }
+}
+
+impl Scene {
+    fn model(&self, model: TissueModel, reference: f64) {
+        let make = || {
+            let body = self.body.clone();
+            let kept = ModelState::new(model, None, &body, &self.mesh, &beam_material()).unwrap();
+            (body, kept, TissueState::at_rest(&self.mesh))
+        };
+        let per_tick = match model {
+            TissueModel::Xpbd(s) => s.substeps,
+            TissueModel::Vbd(s) => s.substeps * s.iterations,
+            TissueModel::Teschner(s) => (DT / (s.part_of_limit * make().1.step_limit_s().unwrap())).ceil() as u32,
+            TissueModel::Implicit => 1,
+        };
+        let mut allocations = 0;
+        let mut ticks = |threads: usize, drag_1_s: f32, ticks: u32| {
+            let settings = TissueSettings { drag_1_s, ..Default::default() };
+            pool(threads).install(|| {
+                let (mut body, mut kept, mut state) = make();
+                let start = Instant::now();
+                for tick in 0..ticks {
+                    let memory = Region::new(MEMORY);
+                    kept.step(&mut body, &mut state, &self.holds, GRAVITY, DT, &settings);
+                    allocations = if tick > 1 { allocations + memory.change().allocations } else { 0 };
+                }
+                (start.elapsed().as_secs_f64(), tip_mm(&self.mesh, &state), (body, kept))
+            })
+        };
+        let each = 1e9 / (60.0 * f64::from(per_tick) * self.mesh.tet_count() as f64);
+        let mut least = |threads: usize| (0..REPEATS).map(|_| ticks(threads, 4.0, 60).0).fold(f64::MAX, f64::min);
+        let (one, two) = (least(1), least(2));
+        let (_, tip, kept) = ticks(2, 6.0, 240);
+        let memory = Region::new(MEMORY);
+        let copy = kept.clone();
+        let bytes = memory.change().bytes_allocated as f64 / self.mesh.tet_count() as f64;
+        drop(copy);
+        println!(
+            "{:9} {per_tick:4} a tick: {:6.1} ns a tet and iteration, two threads {:6.1} ({:.2} times faster); a second costs {one:.3} s; tip {:+.2} %; {bytes:.0} \
+             bytes a tet; {allocations} allocations in 238 ticks",
+            model.name(),
+            one * each,
+            two * each,
+            one / two,
+            (tip / reference - 1.0) * 100.0,
         );
     }
 }

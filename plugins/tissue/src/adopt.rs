@@ -98,6 +98,7 @@ pub fn adopt(
     for node in &touched {
         body.lump(mesh, *node);
     }
+    body.xpbd.adopt(mesh, &body.elements, &body.colouring, delta);
     body.implicit.newton.adopt(mesh, &body.elements, delta, &reshaped, &touched);
 
     let left = departed(state);

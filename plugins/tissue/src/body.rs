@@ -8,6 +8,7 @@ use crate::implicit::Implicit;
 use crate::material::{MaterialError, NeoHookean};
 use crate::settings::{Solver, TissueSettings};
 use crate::sleep::Sleep;
+use crate::xpbd::Xpbd;
 use crate::{implicit, xpbd};
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
@@ -26,6 +27,8 @@ pub struct Body {
     pub(crate) graph: EdgeGraph,
     /// What the implicit solver keeps.
     pub(crate) implicit: Implicit,
+    /// What position-based dynamics keeps.
+    pub(crate) xpbd: Xpbd,
     /// Whether the body sleeps.
     pub(crate) sleep: Sleep,
     /// Constants and density (kg/m3) by material id.

@@ -13,6 +13,7 @@ pub struct Colouring {
     of: Vec<u16>,
     /// Place of each slot in the list of its colour.
     place: Vec<u32>,
+    used: Vec<bool>,
 }
 
 impl Colouring {
@@ -20,6 +21,11 @@ impl Colouring {
     #[must_use]
     pub fn colours(&self) -> &[Vec<u32>] {
         &self.colours
+    }
+
+    /// The colour of an element, by its slot.
+    pub(crate) fn of(&self, slot: u32) -> u16 {
+        self.of.get(slot as usize).copied().unwrap_or(NONE)
     }
 
     /// Makes room for this many elements.
@@ -35,7 +41,9 @@ impl Colouring {
             self.of.resize(slot + 1, NONE);
             self.place.resize(slot + 1, 0);
         }
-        let mut used = vec![false; self.colours.len() + 1];
+        let used = &mut self.used;
+        used.clear();
+        used.resize(self.colours.len() + 1, false);
         for node in corners {
             for t in topology.around_node(node) {
                 if let Some(&c) = self.of.get(t.index()).filter(|c| **c != NONE) {

@@ -96,7 +96,7 @@ impl ModelState {
         let kept = match model {
             TissueModel::Implicit | TissueModel::Xpbd(_) => Kept::Nothing,
             TissueModel::Teschner(_) => Kept::Teschner(Teschner::new(body, mesh, materials, membrane.as_ref())?),
-            TissueModel::Vbd(_) => Kept::Vbd(Vbd::new(mesh)),
+            TissueModel::Vbd(_) => Kept::Vbd(Vbd::new(body, mesh)),
         };
         Ok(Self { model, kept, membrane })
     }
@@ -130,7 +130,7 @@ impl ModelState {
         match &mut self.kept {
             Kept::Nothing => {}
             Kept::Teschner(t) => t.adopt(body, mesh, delta, self.membrane.as_ref()),
-            Kept::Vbd(v) => v.adopt(mesh, delta),
+            Kept::Vbd(v) => v.adopt(body, mesh, delta),
         }
     }
 

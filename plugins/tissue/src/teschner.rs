@@ -16,7 +16,7 @@ use crate::hold::Hold;
 use crate::material::{MaterialError, NeoHookean};
 use crate::membrane::Membrane;
 use crate::model::{drift, driven, inverse_masses};
-use crate::xpbd::pull;
+use crate::motion::step_of;
 use bevy_math::{DVec3, Vec3};
 use keyhole_tetmesh::{EDGES, NodeId, TetId, TetMesh, TopologyDelta};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
@@ -368,10 +368,10 @@ impl Teschner {
                 state.velocities[*i] = (*to - *from) / dt;
             }
             for hold in holds.iter().filter(|hold| hold.fixes().is_none()) {
-                let before: Vec<Vec3> = hold.point.iter().map(|(n, _)| state.positions[n.index()]).collect();
-                pull(hold, s, &mut state.positions, &inverse, h);
-                for ((n, _), before) in hold.point.iter().zip(before) {
-                    let moved = state.positions[n.index()] - before;
+                let moved = step_of(hold, s, h, |i| state.positions[i], |i| inverse[i]);
+                for (n, weight) in &hold.point {
+                    let moved = moved * (inverse[n.index()] * weight);
+                    state.positions[n.index()] += moved;
                     state.velocities[n.index()] += moved / h;
                 }
             }

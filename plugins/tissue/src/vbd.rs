@@ -3,21 +3,22 @@
 //! for its determinant is linear in it: the 3x3 system of a node has its exact minimum, is positive definite whatever the deformation, and no
 //! sweep raises the sum.
 //!
-//! Nodes of one colour share no element. After a topology change only the touched nodes get new colours. A step begins where the velocity and as much of
+//! Nodes are moved one after the other within a part of the organ, and parts that share no element at the same time; the elements around a node are
+//! looked at eight at a time ([`crate::lanes_rows`]). After a topology change only the parts of the touched nodes are looked at. A step begins where the velocity and as much of
 //! gravity as was felt in the last step lead (the paper's adaptive start). Sweeps are accelerated by Chebyshev's method where that is asked for.
 //!
 //! Few iterations are a softer material: a sweep spreads force by one ring of elements.
 
 use crate::body::Body;
-use crate::element::cofactor;
 use crate::hold::Hold;
+use crate::lanes;
+use crate::lanes_crew::Crew;
+use crate::lanes_rows::Rows;
 use crate::membrane::Membrane;
-use crate::model::{drift, driven, inverse_masses, mean};
+use crate::motion::{Fall, Nodes, Row, Shared};
 use bevy_math::{Mat3, Vec3};
 use keyhole_tetmesh::{NodeEdit, NodeId, TetId, TetMesh, TopologyDelta};
 use keyhole_whiteboard::TissueState;
-use rustc_hash::FxHashMap;
-use smallvec::SmallVec;
 
 /// Settings of [`crate::TissueModel::Vbd`].
 ///
@@ -41,47 +42,41 @@ impl Default for VbdSettings {
     }
 }
 
-const NONE: u16 = u16::MAX;
-
 /// A hold of several nodes without compliance is a spring this many times as stiff as its nodes.
 const RIGID: f32 = 100.0;
 
-/// Nodes by colour, and the elements around each.
+/// Nodes that are worth a second thread, and a further one each.
+const WORTH: usize = 400;
+
+/// The nodes of an organ with what is around each, and how they moved.
 #[derive(Clone, Debug, Default)]
 pub struct Vbd {
-    /// Element slot and corner, by node slot.
-    around: Vec<SmallVec<[(u32, u8); 24]>>,
+    rows: Rows,
     /// Corners by element slot, as they were when the element came.
     corners: Vec<[u32; 4]>,
-    colours: Vec<Vec<u32>>,
-    /// Colour of each node slot.
-    of: Vec<u16>,
-    /// Place of each node slot in the list of its colour.
-    place: Vec<u32>,
     /// Velocities at the beginning of the last substep, m/s.
     earlier: Vec<Vec3>,
+    nodes: Nodes,
+    /// Where inertia and gravity take each node, m.
+    goals: Shared,
+    crew: Crew,
+    /// Nodes that holds pull, ascending, with the hold and the weight.
+    pulled: Vec<(u32, u32, f32)>,
 }
 
 impl Vbd {
-    /// The model of a mesh.
+    /// The model of a mesh and its body.
     #[must_use]
-    pub fn new(mesh: &TetMesh) -> Self {
-        let mut model = Self::default();
+    pub fn new(body: &Body, mesh: &TetMesh) -> Self {
+        let mut model = Self { rows: Rows::new(mesh, body.elements()), ..Self::default() };
         for (tet, corners) in mesh.iter() {
             model.note(tet, corners);
         }
-        model.refresh(mesh, &mesh.nodes().collect::<Vec<_>>());
         model
     }
 
-    /// The nodes of each colour.
-    #[must_use]
-    pub fn colours(&self) -> &[Vec<u32>] {
-        &self.colours
-    }
-
-    /// Carries it over a topology change: new colours for the nodes of what came or went, and for no other.
-    pub fn adopt(&mut self, mesh: &TetMesh, delta: &TopologyDelta) {
+    /// Carries it over a topology change: what is around the nodes of what came, went or changed shape, in the parts that they are in, and no more.
+    pub fn adopt(&mut self, body: &Body, mesh: &TetMesh, delta: &TopologyDelta) {
         let mut nodes: Vec<NodeId> = Vec::new();
         for tet in &delta.removed {
             nodes.extend(self.corners.get(tet.index()).into_iter().flatten().map(|n| NodeId(*n)));
@@ -90,9 +85,10 @@ impl Vbd {
             self.note(added.tet, added.nodes);
             nodes.extend(added.nodes);
         }
+        nodes.extend(delta.reshaped(mesh.topology()).iter().flat_map(|t| mesh.corners(*t)));
         nodes.sort_unstable();
         nodes.dedup();
-        self.refresh(mesh, &nodes);
+        self.rows.adopt(&nodes, mesh, body.elements());
         // A node that is new, or whose slot is used again, has no earlier velocity.
         for edit in &delta.nodes {
             if let NodeEdit::Added { node, .. } | NodeEdit::Split { node, .. } = edit
@@ -110,60 +106,6 @@ impl Vbd {
         self.corners[tet.index()] = corners.map(|n| n.0);
     }
 
-    /// Elements and colours of some nodes, ascending, from the mesh.
-    fn refresh(&mut self, mesh: &TetMesh, nodes: &[NodeId]) {
-        if self.around.len() < mesh.node_slots() {
-            self.around.resize(mesh.node_slots(), SmallVec::new());
-            self.of.resize(mesh.node_slots(), NONE);
-            self.place.resize(mesh.node_slots(), 0);
-        }
-        for node in nodes {
-            let mut list: SmallVec<[(u32, u8); 24]> = SmallVec::new();
-            for tet in mesh.topology().around_node(*node) {
-                let corner = mesh.corners(*tet).iter().position(|n| n == node).unwrap_or(0);
-                list.push((tet.0, corner as u8));
-            }
-            list.sort_unstable();
-            self.around[node.index()] = list;
-            self.uncolour(node.index());
-        }
-        for node in nodes.iter().filter(|n| !self.around[n.index()].is_empty()).collect::<Vec<_>>() {
-            self.colour(mesh, *node);
-        }
-    }
-
-    /// The smallest colour that no neighbour has.
-    fn colour(&mut self, mesh: &TetMesh, node: NodeId) {
-        let mut used = vec![false; self.colours.len() + 1];
-        for tet in mesh.topology().around_node(node) {
-            for n in mesh.corners(*tet) {
-                if let Some(c) = self.of.get(n.index()).filter(|c| **c != NONE) {
-                    used[usize::from(*c)] = true;
-                }
-            }
-        }
-        let colour = used.iter().position(|u| !u).unwrap_or(self.colours.len());
-        if colour == self.colours.len() {
-            self.colours.push(Vec::new());
-        }
-        self.of[node.index()] = colour as u16;
-        self.place[node.index()] = self.colours[colour].len() as u32;
-        self.colours[colour].push(node.0);
-    }
-
-    fn uncolour(&mut self, node: usize) {
-        let colour = std::mem::replace(&mut self.of[node], NONE);
-        if colour == NONE {
-            return;
-        }
-        let list = &mut self.colours[usize::from(colour)];
-        let place = self.place[node] as usize;
-        list.swap_remove(place);
-        if let Some(moved) = list.get(place) {
-            self.place[*moved as usize] = place as u32;
-        }
-    }
-
     /// Steps a body over one tick of `dt` s under gravity (m/s2) with this drag (1/s).
     pub fn step(
         &mut self,
@@ -176,132 +118,175 @@ impl Vbd {
         dt: f32,
         drag_1_s: f32,
     ) {
-        let n = settings.substeps.max(1);
-        let h = dt / n as f32;
-        let driven = driven(holds, &state.positions);
-        let inverse = inverse_masses(body.masses(), &driven);
-        let mut pulled: FxHashMap<u32, Vec<(usize, f32)>> = FxHashMap::default();
+        let Self { rows, earlier, nodes, goals, crew, pulled, .. } = self;
+        nodes.load(body.masses(), state, holds);
+        earlier.resize(state.positions.len(), Vec3::ZERO);
+        goals.resize(state.positions.len());
+        pulled.clear();
         for (i, hold) in holds.iter().enumerate().filter(|(_, hold)| hold.fixes().is_none()) {
-            for (node, weight) in &hold.point {
-                pulled.entry(node.0).or_default().push((i, *weight));
-            }
+            pulled.extend(hold.point.iter().map(|(node, weight)| (node.0, i as u32, *weight)));
         }
-        let decay = (-drag_1_s * h).exp();
-        let count = state.positions.len();
-        self.earlier.resize(count, Vec3::ZERO);
-        let towards = gravity.normalize_or_zero();
-        let (mut goal, mut before) = (vec![Vec3::ZERO; count], vec![Vec3::ZERO; count]);
-        let (mut last, mut second_last) = (vec![Vec3::ZERO; count], vec![Vec3::ZERO; count]);
-        for substep in 0..n {
-            let s = (substep + 1) as f32 / n as f32;
-            before.copy_from_slice(&state.positions);
-            let drift = drift(body.masses(), &state.velocities, holds);
-            for i in (0..count).filter(|i| inverse[*i] > 0.0) {
-                let felt = ((state.velocities[i] - self.earlier[i]) / h).dot(towards).clamp(0.0, gravity.length());
-                self.earlier[i] = state.velocities[i];
-                let v = drift + (state.velocities[i] - drift) * decay;
-                goal[i] = before[i] + (v + gravity * h) * h;
-                state.positions[i] = before[i] + (v + towards * (felt * h)) * h;
-            }
-            for (i, from, to) in &driven {
-                state.positions[*i] = from.lerp(*to, s);
-            }
-            let mut omega = 1.0;
-            for iteration in 0..settings.iterations.max(1) {
-                second_last.copy_from_slice(&last);
-                last.copy_from_slice(&state.positions);
-                for colour in &self.colours {
-                    for &node in colour {
-                        let i = node as usize;
-                        if inverse[i] > 0.0 {
-                            let springs = pulled.get(&node).map_or(&[][..], Vec::as_slice);
-                            self.solve(body, membrane, &mut state.positions, i, goal[i], h, holds, springs, s);
+        pulled.sort_unstable_by_key(|(node, hold, _)| (*node, *hold));
+        let count = nodes.rows();
+        for r in 0..count {
+            let row = &mut *nodes.row(r);
+            let own = &earlier[row.first..row.first + row.velocity.len()];
+            row.extra[EARLIER].clear();
+            row.extra[EARLIER].extend_from_slice(own);
+        }
+        let (n, sweeps) = (settings.substeps.max(1) as usize, settings.iterations.max(1) as usize);
+        let h = dt / n as f32;
+        let tick = Tick { nodes, goals, fall: Fall { h, gravity, decay: (-drag_1_s * h).exp() }, masses: body.masses(), membrane, holds, pulled };
+        // A substep: the mean velocity, the beginning; sweeps of the colours of parts, the nodes that are pulled, the acceleration; the mean error, the end.
+        let colours = rows.colours();
+        let sweep = colours + 2;
+        let period = sweeps * sweep + 4;
+        let free = nodes.free;
+        let tasks = |step: usize| match step % period {
+            0 => usize::from(free),
+            1 => count,
+            k if k == period - 1 => count,
+            k if k == period - 2 => usize::from(free),
+            k => match (k - 2) % sweep {
+                c if c < colours => rows.parts(c),
+                c if c == colours => usize::from(!pulled.is_empty()),
+                _ if settings.chebyshev > 0.0 => count,
+                _ => 0,
+            },
+        };
+        let mean = Shared::of(1);
+        let task = |step: usize, i: usize, near: &mut lanes::Nodes| {
+            let s = (step / period + 1) as f32 / n as f32;
+            match step % period {
+                0 => {
+                    (0..count).for_each(|r| Nodes::sum(&mut nodes.row(r), tick.masses, |row, i| row.velocity[i]));
+                    mean.place(0, nodes.mean());
+                }
+                1 => tick.begin(&mut nodes.row(i), if free { mean.point(0) } else { Vec3::ZERO }, s),
+                k if k == period - 1 => tick.finish(&mut nodes.row(i), mean.point(0)),
+                k if k == period - 2 => {
+                    let gap = |row: &Row, i: usize| nodes.at.point(row.first + i) - goals.point(row.first + i);
+                    (0..count).for_each(|r| Nodes::sum(&mut nodes.row(r), tick.masses, gap));
+                    mean.place(0, nodes.mean());
+                }
+                k => match ((k - 2) / sweep, (k - 2) % sweep) {
+                    (_, c) if c < colours => rows.sweep(c, i, &tick, near),
+                    (_, c) if c == colours => {
+                        for own in pulled.chunk_by(|a, b| a.0 == b.0) {
+                            rows.alone(own, s, &tick, near);
                         }
                     }
-                }
-                // Chebyshev's weights, from the third iterate on.
-                let rho2 = settings.chebyshev * settings.chebyshev;
-                omega = match iteration {
-                    0 => 1.0,
-                    1 => 2.0 / (2.0 - rho2),
-                    _ => 4.0 / (4.0 - rho2 * omega),
-                };
-                if settings.chebyshev > 0.0 && iteration > 0 {
-                    for i in (0..count).filter(|i| inverse[*i] > 0.0) {
-                        state.positions[i] = (state.positions[i] - second_last[i]) * omega + second_last[i];
-                    }
-                }
+                    (iteration, _) => tick.accelerate(&mut nodes.row(i), weight(settings.chebyshev, iteration)),
+                },
             }
-            // Inner forces move no centre of mass; sweeps that have not converged do.
-            let off = if holds.is_empty() {
-                let gap = state.positions.iter().zip(&goal).map(|(x, y)| *x - *y);
-                // Of a free fall the place at the end of a step is half a step's fall ahead.
-                mean(body.masses(), gap) + gravity * (0.5 * h * h)
-            } else {
-                Vec3::ZERO
-            };
-            let ahead = if holds.is_empty() { gravity * (0.5 * h * h) } else { Vec3::ZERO };
-            for ((x, v), b) in state.positions.iter_mut().zip(&mut state.velocities).zip(&before) {
-                *x -= off;
-                *v = (*x + ahead - *b) / h;
+        };
+        let workers = (state.positions.len() / WORTH).clamp(1, rayon::current_num_threads());
+        crew.run(workers, n * period, tasks, task);
+        for r in 0..count {
+            let row = nodes.row(r);
+            earlier[row.first..row.first + row.velocity.len()].copy_from_slice(&row.extra[EARLIER]);
+        }
+        nodes.store(state);
+    }
+}
+
+/// Where [`Row::extra`] has the velocities a substep ago; after them are the positions one and two sweeps ago.
+const EARLIER: usize = 0;
+
+/// Chebyshev's weight of a sweep: 1 is none.
+fn weight(rate: f32, iteration: usize) -> f32 {
+    let square = rate * rate;
+    (0..iteration).fold(1.0, |omega, i| if i == 0 { 2.0 / (2.0 - square) } else { 4.0 / (4.0 - square * omega) })
+}
+
+/// What nodes are moved by in a tick.
+pub(crate) struct Tick<'a> {
+    pub(crate) nodes: &'a Nodes,
+    pub(crate) goals: &'a Shared,
+    fall: Fall,
+    pub(crate) masses: &'a [f32],
+    membrane: Option<&'a Membrane>,
+    holds: &'a [Hold],
+    pulled: &'a [(u32, u32, f32)],
+}
+
+impl Tick<'_> {
+    /// Where inertia and gravity take the nodes of a row, and where they begin.
+    fn begin(&self, row: &mut Row, drift: Vec3, s: f32) {
+        let Fall { h, gravity, decay } = self.fall;
+        let towards = gravity.normalize_or_zero();
+        for i in 0..row.velocity.len() {
+            let [x, y, z, w] = self.nodes.at.get(row.first + i);
+            let (before, velocity) = (Vec3::new(x, y, z), row.velocity[i]);
+            row.before[i] = before;
+            if w > 0.0 {
+                let felt = ((velocity - row.extra[EARLIER][i]) / h).dot(towards).clamp(0.0, gravity.length());
+                row.extra[EARLIER][i] = velocity;
+                let v = drift + (velocity - drift) * decay;
+                self.goals.place(row.first + i, before + (v + gravity * h) * h);
+                self.nodes.at.place(row.first + i, before + (v + towards * (felt * h)) * h);
             }
+        }
+        self.nodes.drive(row, s);
+        let Row { first, velocity, extra: [_, last, second_last], .. } = row;
+        last.clear();
+        last.extend((0..velocity.len()).map(|i| self.nodes.at.point(*first + i)));
+        second_last.clone_from(last);
+    }
+
+    /// Goes on from two sweeps ago through where this one came to.
+    fn accelerate(&self, row: &mut Row, omega: f32) {
+        let Row { first, extra: [_, last, second_last], .. } = row;
+        for (i, (last, second_last)) in last.iter_mut().zip(second_last).enumerate() {
+            let [x, y, z, w] = self.nodes.at.get(*first + i);
+            let mut new = Vec3::new(x, y, z);
+            if w > 0.0 && omega > 1.0 {
+                new = (new - *second_last) * omega + *second_last;
+                self.nodes.at.set(*first + i, [new.x, new.y, new.z, w]);
+            }
+            (*second_last, *last) = (*last, new);
         }
     }
 
-    /// The minimum over one node.
-    #[inline]
-    fn solve(
-        &self,
-        body: &Body,
-        membrane: Option<&Membrane>,
-        x: &mut [Vec3],
-        i: usize,
-        goal: Vec3,
-        h: f32,
-        holds: &[Hold],
-        springs: &[(usize, f32)],
-        s: f32,
-    ) {
-        let inertia = body.masses()[i] / (h * h);
-        let mut right = (goal - x[i]) * inertia;
-        let mut matrix = Mat3::from_diagonal(Vec3::splat(inertia));
-        for (slot, corner) in &self.around[i] {
-            let e = &body.elements()[*slot as usize];
-            let f = e.deformation(e.indices().map(|n| x[n]));
-            let c = cofactor(f);
-            let rows = e.inverse_rest.transpose();
-            let g = match corner {
-                0 => -(rows.x_axis + rows.y_axis + rows.z_axis),
-                1 => rows.x_axis,
-                2 => rows.y_axis,
-                _ => rows.z_axis,
-            };
-            let (mu, lambda) = (e.material.mu * e.volume, e.material.lambda * e.volume);
-            let by_node = c * g;
-            let pressure = lambda * (f.x_axis.dot(c.x_axis) - 1.0) - mu;
-            right -= f * g * mu + by_node * pressure;
-            let stiff = by_node * lambda;
-            let diagonal = mu * g.length_squared();
-            matrix.x_axis += stiff * by_node.x + Vec3::X * diagonal;
-            matrix.y_axis += stiff * by_node.y + Vec3::Y * diagonal;
-            matrix.z_axis += stiff * by_node.z + Vec3::Z * diagonal;
+    /// Velocities. Inner forces move no centre of mass; sweeps that have not converged do, by `off` in the mean of a body that nothing holds. Of a free fall
+    /// the place at the end of a step is half a step's fall ahead.
+    fn finish(&self, row: &mut Row, off: Vec3) {
+        let h = self.fall.h;
+        let ahead = if self.nodes.free { self.fall.gravity * (0.5 * h * h) } else { Vec3::ZERO };
+        let off = if self.nodes.free { off + ahead } else { Vec3::ZERO };
+        for (i, (v, b)) in row.velocity.iter_mut().zip(&row.before).enumerate() {
+            let x = self.nodes.at.point(row.first + i) - off;
+            self.nodes.at.place(row.first + i, x);
+            *v = (x + ahead - *b) / h;
         }
-        for (triangle, corner) in membrane.iter().flat_map(|m| m.around(i)) {
-            let (force, stiffness) = triangle.at_node(triangle.nodes.map(|n| x[n as usize].as_dvec3()), corner);
+    }
+
+    /// Whether a node moves in the sweeps of the parts.
+    #[inline(always)]
+    pub(crate) fn moves(&self, node: u32, inverse_mass: f32) -> bool {
+        inverse_mass > 0.0 && (self.pulled.is_empty() || self.pulled.binary_search_by_key(&node, |p| p.0).is_err())
+    }
+
+    /// How a node moves whose elements push it by `force` (N) and resist by `matrix` (N/m).
+    pub(crate) fn step(&self, node: u32, x: Vec3, force: Vec3, matrix: Mat3, pulled: &[(u32, u32, f32)], s: f32) -> Vec3 {
+        let i = node as usize;
+        let inertia = self.masses[i] / (self.fall.h * self.fall.h);
+        let mut right = (self.goals.point(i) - x) * inertia + force;
+        let mut matrix = matrix + Mat3::from_diagonal(Vec3::splat(inertia));
+        for (triangle, corner) in self.membrane.iter().flat_map(|m| m.around(i)) {
+            let (force, stiffness) = triangle.at_node(triangle.nodes.map(|n| self.nodes.at.point(n as usize).as_dvec3()), corner);
             right += force.as_vec3();
             matrix += stiffness.as_mat3();
         }
-        for (hold, weight) in springs {
-            let hold = &holds[*hold];
+        for (_, hold, weight) in pulled {
+            let hold = &self.holds[*hold as usize];
             let around = matrix.x_axis.x.max(matrix.y_axis.y).max(matrix.z_axis.z);
             let k = if hold.compliance_m_n * RIGID * around > 1.0 { 1.0 / hold.compliance_m_n } else { RIGID * around };
-            let gap = hold.point.iter().map(|(n, w)| x[n.index()] * *w).sum::<Vec3>() - hold.from.lerp(hold.to, s);
+            let gap = hold.point.iter().map(|(n, w)| self.nodes.at.point(n.index()) * *w).sum::<Vec3>() - hold.from.lerp(hold.to, s);
             right -= gap * (k * weight);
             matrix += Mat3::from_diagonal(Vec3::splat(k * weight * weight));
         }
         let step = matrix.inverse() * right;
-        if step.is_finite() {
-            x[i] += step;
-        }
+        if step.is_finite() { step } else { Vec3::ZERO }
     }
 }
