@@ -41,6 +41,15 @@ pub(crate) enum Care {
     Downhill,
 }
 
+/// Which tangent the first step of a stage is taken with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Tangent {
+    /// That where the stage begins.
+    Own,
+    /// That of the stage before, which had the same inertia, springs and free nodes.
+    Kept,
+}
+
 /// Why a stage cannot be done as usual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Astray {
@@ -67,6 +76,8 @@ pub struct Newton {
     pub(crate) free: Vec<bool>,
     forces: Vec<Forces>,
     pub(crate) springs: Vec<Spring>,
+    /// Steps that the last stage took.
+    pub(crate) rounds: u32,
     /// Iterations of conjugate gradients since this was last set to zero.
     pub(crate) iterations: u32,
 }
@@ -123,8 +134,8 @@ impl Newton {
         self.forces.resize(nodes, Forces::default());
     }
 
-    /// Takes `x` to the minimum: `inertia` is `w` in 1/s2.
-    pub(crate) fn solve(&mut self, body: &Body, inertia: f32, care: Care, stop: Stop) -> Result<(), Astray> {
+    /// Takes `x` to the minimum: `inertia` is `w` in 1/s2. The first step is with the tangent that there is, when `tangent` says so.
+    pub(crate) fn solve(&mut self, body: &Body, inertia: f32, care: Care, tangent: Tangent, stop: Stop) -> Result<(), Astray> {
         let most = match care {
             Care::Usual => USUAL_STEPS,
             Care::Downhill => CAREFUL_STEPS,
@@ -132,10 +143,15 @@ impl Newton {
         let mut before = 0.0;
         let mut convex = care == Care::Downhill;
         for round in 1..=most {
-            if self.assemble(convex) * TANGLED > body.elements.len() && care == Care::Usual {
-                return Err(Astray::Tangled);
+            self.rounds = round;
+            if round == 1 && tangent == Tangent::Kept {
+                self.look(body, inertia);
+            } else {
+                if self.assemble(convex) * TANGLED > body.elements.len() && care == Care::Usual {
+                    return Err(Astray::Tangled);
+                }
+                self.balance(body, inertia);
             }
-            self.balance(body, inertia);
             let system = System { rows: &self.rows, springs: &self.springs, clusters: &self.clusters, free: &self.free };
             let solved = self.gradients.solve(system, &mut self.levels, stop);
             if before <= 0.0 {
