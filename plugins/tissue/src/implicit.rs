@@ -25,7 +25,8 @@
 use crate::body::Body;
 use crate::gradients::{Spring, Stop};
 use crate::hold::Hold;
-use crate::newton::{Astray, Care, Newton, Tangent};
+use crate::membrane::Membrane;
+use crate::newton::{Astray, Care, Newton, Tangent, Tissue};
 use crate::settings::{TimeStepping, TissueSettings};
 use crate::{rescue, xpbd};
 use bevy_math::{DVec3, Vec3, Vec3A};
@@ -117,7 +118,15 @@ impl Implicit {
 }
 
 /// Steps a body over one tick of `dt` s under gravity (m/s2).
-pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+pub fn step(
+    body: &mut Body,
+    membrane: Option<&Membrane>,
+    state: &mut TissueState,
+    holds: &[Hold],
+    gravity: Vec3,
+    dt: f32,
+    settings: &TissueSettings,
+) {
     let mut solver = std::mem::take(&mut body.implicit);
     let nodes = state.positions.len();
     solver.newton.resize(nodes);
@@ -132,7 +141,8 @@ pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: V
     rayon::scope(|_| {
         for substep in 0..n {
             let step = Step { h: dt / n as f32, gravity, end: (substep + 1) as f32 / n as f32, share: 1.0 / n as f32 };
-            match solver.substep(body, state, holds, step, settings) {
+            let tissue = Tissue { body, membrane };
+            match solver.substep(tissue, state, holds, step, settings) {
                 Ok(()) => {}
                 Err(Astray::Tangled) if substep == 0 => {
                     solver.careful += 1;
@@ -143,7 +153,7 @@ pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: V
                 Err(_) => {
                     solver.careful += 1;
                     solver.past.h = 0.0;
-                    solver.careful_substep(body, state, holds, step, settings);
+                    solver.careful_substep(tissue, state, holds, step, settings);
                 }
             }
         }
@@ -154,7 +164,7 @@ pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: V
 impl Implicit {
     fn substep(
         &mut self,
-        body: &Body,
+        tissue: Tissue<'_>,
         state: &mut TissueState,
         holds: &[Hold],
         step: Step,
@@ -167,14 +177,14 @@ impl Implicit {
                 *from += (*from - Vec3A::from(self.past.before.positions[i])) / 3.0;
                 *with += (*with - Vec3A::from(self.past.before.velocities[i])) / 3.0;
             }
-            self.stage(body, state, holds, step, stage, settings, Care::Usual, Tangent::Own)?;
+            self.stage(tissue, state, holds, step, stage, settings, Care::Usual, Tangent::Own)?;
             self.finish(state, holds, step, stage, settings);
             return Ok(());
         }
         let length = STAGE * step.h;
         let first = Stage::new(length, 0.0, settings);
         self.begin(state);
-        self.stage(body, state, holds, step, first, settings, Care::Usual, Tangent::Own)?;
+        self.stage(tissue, state, holds, step, first, settings, Care::Usual, Tangent::Own)?;
         // Where one step was enough the tangent hardly changes.
         let kept = if self.newton.rounds == 1 { Tangent::Kept } else { Tangent::Own };
         let second = Stage { before: step.h - length, ..first };
@@ -182,19 +192,19 @@ impl Implicit {
             *from += *first * second.before;
             *with += (*first - *with) * (second.before / length);
         }
-        self.stage(body, state, holds, step, second, settings, Care::Usual, kept)?;
+        self.stage(tissue, state, holds, step, second, settings, Care::Usual, kept)?;
         self.finish(state, holds, step, second, settings);
         Ok(())
     }
 
     /// Backward Euler, downhill.
-    fn careful_substep(&mut self, body: &Body, state: &mut TissueState, holds: &[Hold], step: Step, settings: &TissueSettings) {
+    fn careful_substep(&mut self, tissue: Tissue<'_>, state: &mut TissueState, holds: &[Hold], step: Step, settings: &TissueSettings) {
         let whole = Stage { reach: step.h, ..Stage::new(step.h, 0.0, settings) };
         self.begin(state);
         // From where it is: going downhill needs a state that is no worse.
         self.velocity.fill(Vec3A::ZERO);
         // Going downhill finds no fault.
-        let _ = self.stage(body, state, holds, step, whole, settings, Care::Downhill, Tangent::Own);
+        let _ = self.stage(tissue, state, holds, step, whole, settings, Care::Downhill, Tangent::Own);
         self.finish(state, holds, step, whole, settings);
         self.past.h = 0.0;
     }
@@ -210,7 +220,7 @@ impl Implicit {
     /// Finds the velocities of a stage.
     fn stage(
         &mut self,
-        body: &Body,
+        tissue: Tissue<'_>,
         state: &TissueState,
         holds: &[Hold],
         step: Step,
@@ -222,12 +232,12 @@ impl Implicit {
         let inertia = (1.0 + stage.drag) / (stage.length * stage.reach);
         let fall = Vec3A::from(step.gravity) * stage.length;
         // Drag takes nothing of the mean velocity of a body that nothing holds.
-        let drift = if holds.is_empty() { mean(body, &self.with) + fall } else { Vec3A::ZERO };
+        let drift = if holds.is_empty() { mean(tissue.body, &self.with) + fall } else { Vec3A::ZERO };
         let newton = &mut self.newton;
         for i in 0..newton.x.len() {
             let from = self.from[i];
-            newton.free[i] = body.masses[i] > 0.0;
-            newton.added[i] = body.masses[i] * inertia;
+            newton.free[i] = tissue.body.masses[i] > 0.0;
+            newton.added[i] = tissue.body.masses[i] * inertia;
             newton.target[i] = from + (self.with[i] + fall + drift * stage.drag) * (stage.reach / (1.0 + stage.drag));
             newton.x[i] = from + self.velocity[i] * stage.reach;
         }
@@ -235,18 +245,18 @@ impl Implicit {
             newton.free[i] = false;
             newton.x[i] = Vec3A::from(state.positions[i] + velocity * (stage.before + stage.reach));
         }
-        attach(newton, holds, step, stage);
+        attach(newton, tissue.membrane, holds, step, stage);
 
-        let mass: f64 = body.masses.iter().map(|m| f64::from(*m)).sum();
-        let least = mass * f64::from(inertia) * (FINE * body.size(mass)).powi(2);
-        newton.solve(body, inertia, care, tangent, Stop { tolerance: settings.tolerance, least, iterations: settings.iterations })?;
+        let mass: f64 = tissue.body.masses.iter().map(|m| f64::from(*m)).sum();
+        let least = mass * f64::from(inertia) * (FINE * tissue.body.size(mass)).powi(2);
+        newton.solve(tissue, inertia, care, tangent, Stop { tolerance: settings.tolerance, least, iterations: settings.iterations })?;
 
         for ((velocity, x), from) in self.velocity.iter_mut().zip(&newton.x).zip(&self.from) {
             *velocity = (*x - *from) / stage.reach;
         }
         if holds.is_empty() {
             // A body that nothing holds falls freely: what rounding makes of its momentum is taken off.
-            let off = drift - mean(body, &self.velocity);
+            let off = drift - mean(tissue.body, &self.velocity);
             for v in &mut self.velocity {
                 *v += off;
             }
@@ -290,11 +300,12 @@ fn driven<'a>(
 }
 
 /// Turns holds with compliance or several nodes into springs.
-fn attach(newton: &mut Newton, holds: &[Hold], step: Step, stage: Stage) {
+fn attach(newton: &mut Newton, membrane: Option<&Membrane>, holds: &[Hold], step: Step, stage: Stage) {
     newton.springs.clear();
     for hold in holds.iter().filter(|d| d.fixes().is_none()) {
         let point: TissuePoint = hold.point.clone();
-        let around: f32 = point.iter().map(|(n, w)| w.abs() * (newton.rows.stiffness(n.index()) + newton.added[n.index()])).sum();
+        let tissue = |n: usize| newton.rows.stiffness(n) + membrane.map_or(0.0, |m| m.stiffness(n));
+        let around: f32 = point.iter().map(|(n, w)| w.abs() * (tissue(n.index()) + newton.added[n.index()])).sum();
         let compliance = hold.compliance_m_n.max(0.0);
         let stiffness = if compliance * STIFF * around > 1.0 { 1.0 / compliance } else { STIFF * around };
         for (n, w) in &point {

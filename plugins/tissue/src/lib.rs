@@ -21,6 +21,7 @@ pub mod reference;
 pub mod rescue;
 pub mod rows;
 pub mod settings;
+pub(crate) mod skin;
 pub mod sleep;
 pub mod teschner;
 pub mod vbd;

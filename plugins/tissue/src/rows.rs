@@ -343,6 +343,28 @@ impl Chunk {
         inverted
     }
 
+    /// Adds to the row of a node what joins it to some of its neighbours, and to its diagonal so that the row sums to what it did.
+    pub(crate) fn add(&mut self, at: usize, entries: impl Iterator<Item = (u32, Mat3A)>) {
+        let row = self.row(at);
+        let mut total = Mat3A::ZERO;
+        for (column, block) in entries {
+            let Ok(slot) = self.columns[row.clone()].binary_search(&column) else { continue };
+            let place = 9 * (row.start + slot);
+            for (b, more) in self.blocks[place..place + 9].iter_mut().zip(block.to_cols_array()) {
+                *b += more;
+            }
+            total += block;
+        }
+        self.diagonal[at] -= (total + total.transpose()) * 0.5;
+    }
+
+    /// Inverts the diagonal block of a node that moves freely anew.
+    pub(crate) fn invert(&mut self, at: usize) {
+        if self.inverse[at] != Mat3A::ZERO {
+            self.inverse[at] = self.diagonal[at].inverse();
+        }
+    }
+
     /// `y = A x` for the nodes of this chunk, zero where a node is not free; and the sum of the products of both.
     pub(crate) fn multiply(&self, first: usize, x: &[Vec3A], free: &[bool], out: &mut [Vec3A]) -> f32 {
         let mut product = 0.0;

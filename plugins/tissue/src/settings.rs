@@ -32,7 +32,7 @@ pub struct TissueSettings {
     /// Which soft-tissue model. Default [`TissueModel::Implicit`], which the fields below are about; the other models have settings of their own and take
     /// of these only the drag.
     pub model: TissueModel,
-    /// A thin stiff membrane on the surface of every organ. Default none; [`TissueModel::Implicit`] does not have it.
+    /// A thin stiff membrane on the surface of every organ. Default none.
     pub capsule: Option<Capsule>,
     /// The method. Default [`Solver::Implicit`].
     pub solver: Solver,
