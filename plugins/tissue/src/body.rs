@@ -172,6 +172,12 @@ impl Body {
         (self.implicit.newton.iterations, self.implicit.careful)
     }
 
+    /// Number of small and of large clusters of nodes of the implicit solver: the work of a step that is not in proportion to the mesh grows with the latter.
+    #[must_use]
+    pub fn solver_clusters(&self) -> (usize, usize) {
+        self.implicit.newton.clusters.count()
+    }
+
     /// Edges of the elements.
     #[must_use]
     pub fn graph(&self) -> &EdgeGraph {

@@ -15,6 +15,9 @@ use rayon::prelude::*;
 /// How often a step of Newton's method is halved before it is given up.
 const HALVINGS: u32 = 10;
 
+/// Elements whose energy is summed at once.
+const PART: usize = 1024;
+
 /// A body is tangled when more than one in so many of its elements is inverted. A few may be a bridge of tissue about to be cut through, torn out of
 /// shape by the weight of what hangs on it.
 const TANGLED: usize = 400;
@@ -150,6 +153,7 @@ impl Newton {
             Care::Downhill => CAREFUL_STEPS,
         };
         let mut before = 0.0;
+        let mut energy = None;
         let mut convex = care == Care::Downhill;
         for round in 1..=most {
             self.rounds = round;
@@ -192,7 +196,9 @@ impl Newton {
                     }
                 }
                 Care::Downhill => {
-                    if !self.go_downhill(tissue, inertia) {
+                    let now = energy.unwrap_or_else(|| self.energy(tissue, inertia));
+                    energy = self.go_downhill(tissue, inertia, now);
+                    if energy.is_none() {
                         break;
                     }
                 }
@@ -280,26 +286,29 @@ impl Newton {
         self.balance(tissue, inertia);
     }
 
-    /// Goes along the solution, less and less of it until the energy is lower; whether it got anywhere.
-    fn go_downhill(&mut self, tissue: Tissue<'_>, inertia: f32) -> bool {
-        let before = self.energy(tissue, inertia);
+    /// Goes along the solution, less and less of it until the energy is lower than `before`; the energy there, if it got anywhere.
+    fn go_downhill(&mut self, tissue: Tissue<'_>, inertia: f32, before: f64) -> Option<f64> {
         let mut part = 1.0;
         self.go(part);
         for _ in 0..HALVINGS {
-            if self.energy(tissue, inertia) < before {
-                return true;
+            let energy = self.energy(tissue, inertia);
+            if energy < before {
+                return Some(energy);
             }
             self.go(-part / 2.0);
             part /= 2.0;
         }
         self.go(-part);
-        false
+        None
     }
 
     /// What a substep makes least, J.
     fn energy(&self, tissue: Tissue<'_>, inertia: f32) -> f64 {
-        let elastic: f64 =
-            tissue.body.elements.iter().filter(|e| !e.is_empty()).map(|e| e.energy(e.indices().map(|i| Vec3::from(self.x[i])))).sum();
+        let of = |e: &Element| e.energy(e.indices().map(|i| Vec3::from(self.x[i])));
+        let some = |elements: &[Element]| elements.iter().filter(|e| !e.is_empty()).map(of).sum::<f64>();
+        // Parts of a fixed size, summed in their order: the same bits on any number of threads.
+        let parts: Vec<f64> = tissue.body.elements.par_chunks(PART).map(some).collect();
+        let elastic: f64 = parts.into_iter().sum();
         let away = |(x, y): (&Vec3A, &Vec3A)| f64::from((*x - *y).length_squared());
         let kinetic: f64 = self.x.iter().zip(&self.target).map(away).zip(&tissue.body.masses).map(|(d, m)| d * f64::from(*m)).sum();
         let springs: f64 = self.springs.iter().map(|s| f64::from(s.gap(&self.x).length_squared() * s.stiffness)).sum();

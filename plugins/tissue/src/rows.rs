@@ -18,6 +18,7 @@
 use crate::element::Element;
 use bevy_math::{Mat3A, Vec3A, Vec4};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
+use rayon::prelude::*;
 
 /// Nodes of a chunk.
 pub const CHUNK: usize = 64;
@@ -107,10 +108,13 @@ impl Rows {
         while self.chunks.len() * CHUNK < slots {
             self.chunks.push(Chunk::empty());
         }
-        for group in nodes.chunk_by(|a, b| a.index() / CHUNK == b.index() / CHUNK) {
-            let at = group[0].index() / CHUNK;
-            self.chunks[at].rebuild(at * CHUNK, group, mesh, elements);
-        }
+        let groups: Vec<&[NodeId]> = nodes.chunk_by(|a, b| a.index() / CHUNK == b.index() / CHUNK).collect();
+        let of = |c: usize| groups.binary_search_by_key(&c, |g| g[0].index() / CHUNK).ok().map(|g| groups[g]);
+        self.chunks.par_iter_mut().enumerate().with_min_len(4).for_each(|(c, chunk)| {
+            if let Some(group) = of(c) {
+                chunk.rebuild(c * CHUNK, group, mesh, elements);
+            }
+        });
     }
 
     /// The nodes that share a tetrahedron with this one, ascending.

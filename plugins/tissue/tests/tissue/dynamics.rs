@@ -229,6 +229,41 @@ fn iterations_stay() {
     assert!(cut < 2 * fine, "{fine} whole, {cut} cut");
 }
 
+/// A hundred cuts, slits that deepen and edges that are split, leave about as many clusters and iterations as the body of the final mesh has.
+#[test]
+fn clusters_stay_by_a_hundred_cuts() {
+    let mut mesh = beam(16, 8);
+    let mut body = Body::new(&mesh, &beam_material()).unwrap();
+    let mut state = TissueState::at_rest(&mesh);
+    let mut r = random();
+    for cut in 0..100 {
+        let (section, depth) = (cut % 14 + 1, cut / 14 + 1);
+        if depth < 6 {
+            slit(&mut mesh, 0.06 * f64::from(section) / 16.0, 0.03 * (1.0 - f64::from(depth) / 8.0) - 1e-4);
+        }
+        for _ in 0..4 {
+            let (_, c) = mesh.iter().nth((r() * mesh.tet_count() as f32) as usize).unwrap();
+            split_edge(&mut mesh, c[0], c[1], 0.4);
+        }
+        let delta = mesh.take_delta();
+        adopt(&mut body, &mut state, &mesh, &delta, |_| Momentum::default());
+    }
+    let mut fresh = Body::new(&mesh, &beam_material()).unwrap();
+    let ((small, large), (few, fewest)) = (body.solver_clusters(), fresh.solver_clusters());
+    assert!(2 * small < 3 * few && 2 * large < 3 * fewest, "{small} and {large} clusters, {few} and {fewest} of a fresh body");
+    let iterations = |body: &mut Body| {
+        let mut state = state.clone();
+        let settings = TissueSettings { tolerance: 0.01, iterations: 500, ..Default::default() };
+        let mut tick = || {
+            run(body, &mut state, &clamp(&mesh), GRAVITY, &settings, 1);
+            body.solver_report().0
+        };
+        (0..10).map(|_| tick()).sum::<u32>()
+    };
+    let (cut, built) = (iterations(&mut body), iterations(&mut fresh));
+    assert!(2 * cut < 3 * built, "{cut} iterations, {built} of a fresh body");
+}
+
 /// A body that is still is left alone, to the bit, until something about it changes.
 #[test]
 fn still_bodies_sleep() {
