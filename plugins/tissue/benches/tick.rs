@@ -8,7 +8,9 @@ use divan::Bencher;
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_tissue::adopt::adopt;
 use keyhole_tissue::beam::{GRAVITY, REFERENCE, beam, beam_material, clamp, fix, tip_mm};
-use keyhole_tissue::{Body, Hold, ModelState, Momentum, Solver, TeschnerSettings, TissueModel, TissueSettings, VbdSettings, XpbdSettings};
+use keyhole_tissue::{
+    Body, Hold, ModelState, Momentum, Solver, TeschnerSettings, TimeStepping, TissueModel, TissueSettings, VbdSettings, XpbdSettings,
+};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
@@ -42,7 +44,9 @@ fn main() {
         let way = pool(2).install(|| scene.way(&exact, 60));
         println!("\n{} tets", scene.mesh.tet_count());
         let implicit = |substeps, tolerance| TissueSettings { substeps, tolerance, ..Default::default() };
-        for settings in [implicit(1, 0.5), implicit(1, 0.1), implicit(1, 0.01), implicit(2, 0.1), implicit(4, 0.01)] {
+        let two_steps = |substeps| TissueSettings { stepping: TimeStepping::TwoSteps, ..implicit(substeps, 0.1) };
+        let all = [implicit(1, 0.5), implicit(1, 0.1), implicit(1, 0.01), implicit(2, 0.1), implicit(4, 0.01), two_steps(1), two_steps(2)];
+        for settings in all {
             scene.report(&settings, reference, &way);
         }
     }
@@ -137,6 +141,9 @@ impl Scene {
         let tip = (pool(2).install(|| self.rest(settings)) / reference - 1.0) * 100.0;
         let away = self.way(settings, 60).iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / -reference * 100.0;
         let name = match settings.solver {
+            Solver::Implicit if settings.stepping == TimeStepping::TwoSteps => {
+                format!("two steps x {} to {}", settings.substeps, settings.tolerance)
+            }
             Solver::Implicit => format!("implicit x {} to {}", settings.substeps, settings.tolerance),
             other => format!("{other:?} x {}", settings.substeps),
         };

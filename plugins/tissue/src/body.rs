@@ -6,6 +6,7 @@ use crate::graph::EdgeGraph;
 use crate::hold::Hold;
 use crate::implicit::Implicit;
 use crate::material::{MaterialError, NeoHookean};
+use crate::membrane::Membrane;
 use crate::settings::{Solver, TissueSettings};
 use crate::sleep::Sleep;
 use crate::xpbd::Xpbd;
@@ -118,11 +119,24 @@ impl Body {
 
     /// Steps the body over one tick of `dt` s under gravity (m/s2), unless it sleeps. Nothing here looks whether the result is finite: see [`crate::Guard`].
     pub fn step(&mut self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+        self.step_with(None, state, holds, gravity, dt, settings);
+    }
+
+    /// The same with a capsule.
+    pub fn step_with(
+        &mut self,
+        membrane: Option<&Membrane>,
+        state: &mut TissueState,
+        holds: &[Hold],
+        gravity: Vec3,
+        dt: f32,
+        settings: &TissueSettings,
+    ) {
         if self.is_asleep(state, holds, gravity) {
             return;
         }
         match settings.solver {
-            Solver::Implicit => implicit::step(self, state, holds, gravity, dt, settings),
+            Solver::Implicit => implicit::step(self, membrane, state, holds, gravity, dt, settings),
             Solver::Xpbd => xpbd::step(self, state, holds, gravity, dt, settings),
         }
         if settings.sleep {
@@ -159,6 +173,12 @@ impl Body {
     #[must_use]
     pub fn solver_report(&self) -> (u32, u32) {
         (self.implicit.newton.iterations, self.implicit.careful)
+    }
+
+    /// Number of small and of large clusters of nodes of the implicit solver: the work of a step that is not in proportion to the mesh grows with the latter.
+    #[must_use]
+    pub fn solver_clusters(&self) -> (usize, usize) {
+        self.implicit.newton.clusters.count()
     }
 
     /// Edges of the elements.

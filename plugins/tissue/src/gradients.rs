@@ -113,24 +113,19 @@ impl Gradients {
                 break;
             }
             let length = (size / curvature) as f32;
-            solution
-                .par_chunks_mut(CHUNK)
-                .zip(residual.par_chunks_mut(CHUNK))
-                .zip(direction.par_chunks(CHUNK))
-                .zip(image.par_chunks(CHUNK))
-                .with_min_len(4 * GRAIN)
-                .for_each(|(((x, r), p), q)| {
-                    for (((x, r), p), q) in x.iter_mut().zip(r).zip(p).zip(q) {
-                        *x += *p * length;
-                        *r -= *q * length;
-                    }
-                });
+            residual.par_chunks_mut(CHUNK).zip(image.par_chunks(CHUNK)).with_min_len(4 * GRAIN).for_each(|(r, q)| {
+                for (r, q) in r.iter_mut().zip(q) {
+                    *r -= *q * length;
+                }
+            });
             let next = levels.apply(clusters, rows, residual, scaled, partial);
             let keep = (next / size) as f32;
             size = next;
             solved.iterations += 1;
-            direction.par_chunks_mut(CHUNK).zip(scaled.par_chunks(CHUNK)).with_min_len(4 * GRAIN).for_each(|(p, z)| {
-                for (p, z) in p.iter_mut().zip(z) {
+            let both = solution.par_chunks_mut(CHUNK).zip(direction.par_chunks_mut(CHUNK)).zip(scaled.par_chunks(CHUNK));
+            both.with_min_len(4 * GRAIN).for_each(|((x, p), z)| {
+                for ((x, p), z) in x.iter_mut().zip(p).zip(z) {
+                    *x += *p * length;
                     *p = *z + *p * keep;
                 }
             });

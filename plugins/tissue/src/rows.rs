@@ -18,6 +18,7 @@
 use crate::element::Element;
 use bevy_math::{Mat3A, Vec3A, Vec4};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
+use rayon::prelude::*;
 
 /// Nodes of a chunk.
 pub const CHUNK: usize = 64;
@@ -107,10 +108,13 @@ impl Rows {
         while self.chunks.len() * CHUNK < slots {
             self.chunks.push(Chunk::empty());
         }
-        for group in nodes.chunk_by(|a, b| a.index() / CHUNK == b.index() / CHUNK) {
-            let at = group[0].index() / CHUNK;
-            self.chunks[at].rebuild(at * CHUNK, group, mesh, elements);
-        }
+        let groups: Vec<&[NodeId]> = nodes.chunk_by(|a, b| a.index() / CHUNK == b.index() / CHUNK).collect();
+        let of = |c: usize| groups.binary_search_by_key(&c, |g| g[0].index() / CHUNK).ok().map(|g| groups[g]);
+        self.chunks.par_iter_mut().enumerate().with_min_len(4).for_each(|(c, chunk)| {
+            if let Some(group) = of(c) {
+                chunk.rebuild(c * CHUNK, group, mesh, elements);
+            }
+        });
     }
 
     /// The nodes that share a tetrahedron with this one, ascending.
@@ -232,16 +236,19 @@ impl Chunk {
 
     /// Elastic forces on the nodes of this chunk, the first of which is `first`.
     pub(crate) fn forces(&self, first: usize, constants: RowConstants<'_>, x: &[Vec3A], out: &mut [Vec3A]) {
+        let mut usual = [Vec3A::ZERO; USUAL];
+        let mut longer = Vec::new();
         for (at, out) in out.iter_mut().enumerate() {
-            let here = x[first + at];
             let row = self.row(at);
-            let columns = &self.columns[row.clone()];
+            let arms = room(&mut usual, &mut longer, row.len(), Vec3A::ZERO);
+            let here = x[first + at];
             let mut force = Vec3A::ZERO;
-            for (l, j) in self.laplacian[row].iter().zip(columns) {
-                force += (here - x[*j as usize]) * *l;
+            for ((arm, l), j) in arms.iter_mut().zip(&self.laplacian[row.clone()]).zip(&self.columns[row]) {
+                *arm = x[*j as usize] - here;
+                force -= *arm * *l;
             }
             for corner in self.corners(at) {
-                let [a, b, c] = corner.others.map(|o| x[columns[usize::from(o)] as usize] - here);
+                let [a, b, c] = corner.others.map(|o| arms[usize::from(o)]);
                 let v = constants.0[corner.tet as usize];
                 let gradient = (b - a).cross(c - a);
                 let pressure = v.stiffness * (a.dot(b.cross(c)) / 6.0 - v.target);
@@ -264,25 +271,25 @@ impl Chunk {
         let mut inverted = 0;
         let mut usual = [[Vec3A::ZERO; 4]; USUAL];
         let mut longer = Vec::new();
+        let mut usual_arms = [Vec3A::ZERO; USUAL];
+        let mut longer_arms = Vec::new();
         for (at, out) in out.iter_mut().enumerate() {
             let row = self.row(at);
             if row.is_empty() {
                 (self.diagonal[at], self.inverse[at], *out) = (Mat3A::IDENTITY, Mat3A::ZERO, Forces::default());
                 continue;
             }
-            let sums: &mut [[Vec3A; 4]] = if row.len() <= USUAL {
-                &mut usual[..row.len()]
-            } else {
-                longer.resize(row.len(), [Vec3A::ZERO; 4]);
-                &mut longer[..row.len()]
-            };
+            let sums = room(&mut usual, &mut longer, row.len(), [Vec3A::ZERO; 4]);
             sums.fill([Vec3A::ZERO; 4]);
+            let arms = room(&mut usual_arms, &mut longer_arms, row.len(), Vec3A::ZERO);
             let here = x[first + at];
-            let columns = &self.columns[row.clone()];
+            for (arm, j) in arms.iter_mut().zip(&self.columns[row.clone()]) {
+                *arm = x[*j as usize] - here;
+            }
             let (mut hydrostatic, mut turned, mut bounded) = (Vec3A::ZERO, Vec3A::ZERO, Vec3A::ZERO);
             for corner in &self.corners[self.corner_starts[at] as usize..self.corner_starts[at + 1] as usize] {
                 let others = corner.others.map(usize::from);
-                let [a, b, c] = others.map(|o| x[columns[o] as usize] - here);
+                let [a, b, c] = others.map(|o| arms[o]);
                 let v = constants.0[corner.tet as usize];
                 let gradients = [b.cross(c), c.cross(a), a.cross(b)];
                 let own = gradients[0] + gradients[1] + gradients[2];
@@ -319,7 +326,7 @@ impl Chunk {
             }
             let mut total = Mat3A::ZERO;
             let mut shear = Vec3A::ZERO;
-            for (((entry, sum), l), j) in row.clone().zip(sums.iter()).zip(&self.laplacian[row.clone()]).zip(columns) {
+            for (((entry, sum), l), arm) in row.clone().zip(sums.iter()).zip(&self.laplacian[row.clone()]).zip(arms.iter()) {
                 let w = sum[3] * (1.0 / 6.0);
                 let b = Mat3A::from_cols(
                     sum[0] + Vec3A::new(*l, w.z, -w.y),
@@ -327,7 +334,7 @@ impl Chunk {
                     sum[2] + Vec3A::new(w.y, -w.x, *l),
                 );
                 total += b;
-                shear += (here - x[*j as usize]) * *l;
+                shear -= *arm * *l;
                 let place = &mut self.blocks[9 * entry..9 * entry + 9];
                 place[..3].copy_from_slice(&b.x_axis.to_array());
                 place[3..6].copy_from_slice(&b.y_axis.to_array());
@@ -341,6 +348,28 @@ impl Chunk {
             self.inverse[at] = if inertia.free[first + at] && inertia.added[first + at] > 0.0 { d.inverse() } else { Mat3A::ZERO };
         }
         inverted
+    }
+
+    /// Adds to the row of a node what joins it to some of its neighbours, and to its diagonal so that the row sums to what it did.
+    pub(crate) fn add(&mut self, at: usize, entries: impl Iterator<Item = (u32, Mat3A)>) {
+        let row = self.row(at);
+        let mut total = Mat3A::ZERO;
+        for (column, block) in entries {
+            let Ok(slot) = self.columns[row.clone()].binary_search(&column) else { continue };
+            let place = 9 * (row.start + slot);
+            for (b, more) in self.blocks[place..place + 9].iter_mut().zip(block.to_cols_array()) {
+                *b += more;
+            }
+            total += block;
+        }
+        self.diagonal[at] -= (total + total.transpose()) * 0.5;
+    }
+
+    /// Inverts the diagonal block of a node that moves freely anew.
+    pub(crate) fn invert(&mut self, at: usize) {
+        if self.inverse[at] != Mat3A::ZERO {
+            self.inverse[at] = self.diagonal[at].inverse();
+        }
     }
 
     /// `y = A x` for the nodes of this chunk, zero where a node is not free; and the sum of the products of both.
@@ -365,6 +394,15 @@ impl Chunk {
     pub(crate) fn inverses(&self) -> &[Mat3A] {
         &self.inverse
     }
+}
+
+/// Room for the numbers of a row: on the stack, but for a row that is unusually long.
+fn room<'a, T: Copy>(usual: &'a mut [T; USUAL], longer: &'a mut Vec<T>, length: usize, zero: T) -> &'a mut [T] {
+    if length <= USUAL {
+        return &mut usual[..length];
+    }
+    longer.resize(longer.len().max(length), zero);
+    &mut longer[..length]
 }
 
 /// Three numbers by a load of four.

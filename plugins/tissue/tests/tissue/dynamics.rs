@@ -5,13 +5,14 @@ use bevy_math::Vec3;
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_tissue::adopt::adopt;
 use keyhole_tissue::beam::{GRAVITY, beam, beam_material, block, clamp, tip_mm};
-use keyhole_tissue::{Body, Guard, Momentum, Solver, TissueSettings};
+use keyhole_tissue::{Body, Guard, Momentum, Solver, TimeStepping, TissueSettings};
 use keyhole_whiteboard::TissueState;
 
-const SOLVERS: [Solver; 2] = [Solver::Implicit, Solver::Xpbd];
-
-fn settings(solver: Solver) -> TissueSettings {
-    TissueSettings { solver, substeps: 20, drag_1_s: 0.0, ..Default::default() }
+/// Both solvers, the implicit one with both ways of stepping, 20 substeps in vacuum.
+fn every() -> [TissueSettings; 3] {
+    let implicit = TissueSettings { substeps: 20, drag_1_s: 0.0, ..Default::default() };
+    let two_steps = TissueSettings { stepping: TimeStepping::TwoSteps, ..implicit };
+    [implicit, two_steps, TissueSettings { solver: Solver::Xpbd, ..implicit }]
 }
 
 /// Extended position-based dynamics takes velocities from differences of positions, in f32.
@@ -41,10 +42,11 @@ fn centre(body: &Body, state: &TissueState) -> Vec3 {
 fn free_fall() {
     let mesh = beam(6, 3);
     let mut body = Body::new(&mesh, &beam_material()).unwrap();
-    for solver in SOLVERS {
+    for settings in every() {
+        let solver = settings.solver;
         let mut state = TissueState::at_rest(&mesh);
         let start = centre(&body, &state);
-        run(&mut body, &mut state, &[], GRAVITY, &settings(solver), 60);
+        run(&mut body, &mut state, &[], GRAVITY, &settings, 60);
         let fall = start.y - centre(&body, &state).y;
         let euler = if solver == Solver::Xpbd { 9.81 / 2.0 / (60.0 * 20.0) } else { 0.0 };
         let expected: f64 = 9.81 / 2.0 + euler;
@@ -56,7 +58,8 @@ fn free_fall() {
 /// A free body in vacuum keeps its linear momentum to rounding and its angular momentum to the order of the step, across cuts as well.
 #[test]
 fn momentum_stays_across_cuts() {
-    for solver in SOLVERS {
+    for settings in every() {
+        let solver = settings.solver;
         let mut mesh = beam(8, 4);
         let mut body = Body::new(&mesh, &beam_material()).unwrap();
         let mut state = stirred(&mesh);
@@ -78,7 +81,7 @@ fn momentum_stays_across_cuts() {
                 assert!((after.mass / before.mass - 1.0).abs() < 1e-6, "tick {tick}: mass");
                 assert!(adopted.relative_error() < 1e-6, "{adopted:?}");
             }
-            run(&mut body, &mut state, &[], Vec3::ZERO, &settings(solver), 1);
+            run(&mut body, &mut state, &[], Vec3::ZERO, &settings, 1);
         }
         let end = body.momentum(&state);
         assert!(
@@ -100,21 +103,21 @@ fn momentum_stays_across_cuts() {
 fn same_bits_whatever_the_threads() {
     let mesh = beam(16, 8);
     let body = Body::new(&mesh, &beam_material()).unwrap();
-    for solver in SOLVERS {
+    for settings in every() {
         for holds in [clamp(&mesh), Vec::new()] {
             let bits = |threads: usize| -> Vec<[u32; 3]> {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                 pool.install(|| {
                     let mut state = stirred(&mesh);
-                    let settings = TissueSettings { substeps: 2, ..settings(solver) };
+                    let settings = TissueSettings { substeps: 2, ..settings };
                     run(&mut body.clone(), &mut state, &holds, GRAVITY, &settings, 8);
                     state.positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect()
                 })
             };
             let one = bits(1);
-            assert_eq!(one, bits(1), "{solver:?} twice");
-            assert_eq!(one, bits(2), "{solver:?} on 1 and 2 threads");
-            assert_eq!(one, bits(3), "{solver:?} on 1 and 3 threads");
+            assert_eq!(one, bits(1), "{settings:?} twice");
+            assert_eq!(one, bits(2), "{settings:?} on 1 and 2 threads");
+            assert_eq!(one, bits(3), "{settings:?} on 1 and 3 threads");
         }
     }
 }
@@ -137,30 +140,30 @@ fn recovers_from_inversion() {
         ("flat", Box::new(|_, p| Vec3::new(p.x, p.y, 0.015))),
     ];
     for (name, place) in &mut broken {
-        let mut body = Body::new(&mesh, &beam_material()).unwrap();
-        let mut state = TissueState::at_rest(&mesh);
-        for (i, p) in state.positions.iter_mut().enumerate().filter(|(_, p)| p.x > 0.0) {
+        let mut start = TissueState::at_rest(&mesh);
+        for (i, p) in start.positions.iter_mut().enumerate().filter(|(_, p)| p.x > 0.0) {
             *p = place(i, *p);
         }
-        let settings = TissueSettings { drag_1_s: 6.0, ..Default::default() };
-        run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &settings, 240);
-        let inverted = mesh
-            .iter()
-            .filter(|(t, _)| body.elements()[t.index()].deformation(mesh.corners(*t).map(|n| state.position(n))).determinant() <= 0.0);
-        assert_eq!(inverted.count(), 0, "{name}");
-        let tip = tip_mm(&mesh, &state);
-        assert!((tip / -21.763 - 1.0).abs() < 1e-3, "{name}: {tip} mm");
+        for stepping in [TimeStepping::TwoStages, TimeStepping::TwoSteps] {
+            let (mut body, mut state) = (Body::new(&mesh, &beam_material()).unwrap(), start.clone());
+            let settings = TissueSettings { stepping, drag_1_s: 6.0, ..Default::default() };
+            run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &settings, 240);
+            let turned = |t: usize, c: [NodeId; 4]| body.elements()[t].deformation(c.map(|n| state.position(n))).determinant() <= 0.0;
+            assert_eq!(mesh.iter().filter(|(t, c)| turned(t.index(), *c)).count(), 0, "{name}, {stepping:?}");
+            let tip = tip_mm(&mesh, &state);
+            assert!((tip / -21.763 - 1.0).abs() < 1e-3, "{name}, {stepping:?}: {tip} mm");
+        }
     }
 }
 
-/// Halving the step quarters the error of the way of the tip: the solver is of second order.
+/// Halving the step quarters the error of the way of the tip: both ways of stepping are of second order, drag and viscosity included, and go the same way.
 #[test]
 fn second_order_in_time() {
     let mesh = beam(6, 3);
     let body = Body::new(&mesh, &beam_material()).unwrap();
-    let way = |substeps: u32| {
-        let settings =
-            TissueSettings { substeps, tolerance: 1e-4, iterations: 200, drag_1_s: 0.0, viscosity_s: 0.004, ..Default::default() };
+    let way = |stepping: TimeStepping, substeps: u32| {
+        let damping = TissueSettings { drag_1_s: 4.0, viscosity_s: 0.004, ..Default::default() };
+        let settings = TissueSettings { stepping, substeps, tolerance: 1e-4, iterations: 200, ..damping };
         let (mut body, mut state) = (body.clone(), TissueState::at_rest(&mesh));
         (0..12)
             .map(|_| {
@@ -169,10 +172,12 @@ fn second_order_in_time() {
             })
             .collect::<Vec<_>>()
     };
-    let exact = way(64);
-    let error = |substeps: u32| way(substeps).iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    let (coarse, fine) = (error(2), error(4));
-    assert!(coarse > 3.0 * fine, "{coarse} mm with 2 substeps, {fine} mm with 4");
+    let exact = way(TimeStepping::TwoStages, 64);
+    for (stepping, substeps) in [(TimeStepping::TwoStages, 2), (TimeStepping::TwoSteps, 4)] {
+        let error = |substeps: u32| way(stepping, substeps).iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let (coarse, fine) = (error(substeps), error(2 * substeps));
+        assert!(coarse > 3.0 * fine, "{stepping:?}: {coarse} mm with {substeps} substeps, {fine} mm with twice as many");
+    }
 }
 
 /// A beam that hangs is slit to half its height: the body that adopted the cut goes the way of one built from the slit mesh, and hangs where it does.
@@ -222,6 +227,41 @@ fn iterations_stay() {
     let (coarse, fine, cut) = (iterations(8, 4, false), iterations(16, 8, false), iterations(16, 8, true));
     assert!(fine < 2 * coarse, "{coarse} on 640 tetrahedra, {fine} on 5120");
     assert!(cut < 2 * fine, "{fine} whole, {cut} cut");
+}
+
+/// A hundred cuts, slits that deepen and edges that are split, leave about as many clusters and iterations as the body of the final mesh has.
+#[test]
+fn clusters_stay_by_a_hundred_cuts() {
+    let mut mesh = beam(16, 8);
+    let mut body = Body::new(&mesh, &beam_material()).unwrap();
+    let mut state = TissueState::at_rest(&mesh);
+    let mut r = random();
+    for cut in 0..100 {
+        let (section, depth) = (cut % 14 + 1, cut / 14 + 1);
+        if depth < 6 {
+            slit(&mut mesh, 0.06 * f64::from(section) / 16.0, 0.03 * (1.0 - f64::from(depth) / 8.0) - 1e-4);
+        }
+        for _ in 0..4 {
+            let (_, c) = mesh.iter().nth((r() * mesh.tet_count() as f32) as usize).unwrap();
+            split_edge(&mut mesh, c[0], c[1], 0.4);
+        }
+        let delta = mesh.take_delta();
+        adopt(&mut body, &mut state, &mesh, &delta, |_| Momentum::default());
+    }
+    let mut fresh = Body::new(&mesh, &beam_material()).unwrap();
+    let ((small, large), (few, fewest)) = (body.solver_clusters(), fresh.solver_clusters());
+    assert!(2 * small < 3 * few && 2 * large < 3 * fewest, "{small} and {large} clusters, {few} and {fewest} of a fresh body");
+    let iterations = |body: &mut Body| {
+        let mut state = state.clone();
+        let settings = TissueSettings { tolerance: 0.01, iterations: 500, ..Default::default() };
+        let mut tick = || {
+            run(body, &mut state, &clamp(&mesh), GRAVITY, &settings, 1);
+            body.solver_report().0
+        };
+        (0..10).map(|_| tick()).sum::<u32>()
+    };
+    let (cut, built) = (iterations(&mut body), iterations(&mut fresh));
+    assert!(2 * cut < 3 * built, "{cut} iterations, {built} of a fresh body");
 }
 
 /// A body that is still is left alone, to the bit, until something about it changes.
