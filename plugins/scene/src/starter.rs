@@ -43,7 +43,7 @@ const SUPPORTED: f64 = 0.6;
 /// How far the organ would sink into the fat in which it lies if nothing else held it, m.
 const SINKS_M: f64 = 0.001;
 /// How far the piece sags in the assistant's hands once it is free, m: the cut opens that far.
-const SAG_M: f64 = 0.004;
+const SAG_M: f64 = 0.001;
 /// Time that the piece is seen falling at the end, s: about 12 cm.
 const FALLS_S: f64 = 0.15;
 /// Time between the end of the cut and the assistant's letting go, s.
