@@ -55,7 +55,7 @@ pub struct MeshArgs {
     /// Write the quality figures as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
-    /// Draw slices with the mesh's outline over them, and its surface (volume meshes only).
+    /// Draw slices of the CT (of the labels where there is none) with the mesh's outline over them, and the surface (volume meshes only).
     #[arg(long, value_name = "FILE.png")]
     pub picture: Option<PathBuf>,
 }
@@ -114,7 +114,8 @@ pub fn run(args: MeshArgs) -> Result<(), Failure> {
         vtu::write(&output, &made.mesh, &[]).map_err(Failure::job)?;
         if let Some(picture) = &args.picture {
             bar.set_message("picture");
-            contact_sheet::write(picture, &made.contact_sheet()).map_err(Failure::job)?;
+            let ct = input::ct(&args.input, &selection);
+            contact_sheet::write(picture, &made.contact_sheet(ct.as_ref())).map_err(Failure::job)?;
         }
         bar.finish_and_clear();
         println!("{}", made.report);

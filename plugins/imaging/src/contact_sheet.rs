@@ -1,12 +1,15 @@
-//! One picture of what was made: slices of the labels with the mesh's outline over them, and the surface from four sides.
+//! One picture of what was made: slices of the scan with the mesh's outline over them, and the surface from four sides.
+//!
+//! Where the CT is at hand slices show its greys, in a window for soft tissue, with inner parts tinted; without it they show the labels.
 //!
 //! Rows from the top: axial slices from the feet to the head, coronal ones from front to back, sagittal ones from the patient's right to
 //! the left, then the surface seen from the front, the patient's left, behind and the patient's right. Slices are drawn as on a viewing
 //! station: the patient's right at the picture's left, the front or the head at its top.
 
+use crate::dicom_series::CtVolume;
 use crate::error::ImagingError;
 use crate::volume::Body;
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -23,6 +26,12 @@ const PEN: f64 = 1.2;
 const BACKGROUND: [f32; 3] = [14.0, 16.0, 20.0];
 /// Labels in slices, the organ first; parts beyond them take the last.
 const LABELS: [[f32; 3]; 3] = [[104.0, 104.0, 110.0], [176.0, 140.0, 88.0], [110.0, 140.0, 176.0]];
+/// How much of a label's colour an inner part has over the greys of a CT.
+const TINT: f32 = 0.3;
+/// Hounsfield units that are black and white: level 40, width 400, the usual window for an abdomen.
+const WINDOW: [f32; 2] = [-160.0, 240.0];
+/// Width of the lines between tiles, points of the drawing.
+const GAP: usize = 2;
 /// Surface by material, likewise.
 const SURFACE: [[f32; 3]; 3] = [[196.0, 112.0, 98.0], [226.0, 196.0, 130.0], [130.0, 170.0, 220.0]];
 /// Outline of the organ and of the parts in it.
@@ -57,12 +66,14 @@ struct View {
     away: DVec3,
 }
 
-/// Draws the sheet.
+/// Draws the sheet, with the greys of a CT when it holds the body.
 #[must_use]
-pub fn draw(body: &Body, outline: &Outline) -> Picture {
+pub fn draw(body: &Body, outline: &Outline, ct: Option<&CtVolume>) -> Picture {
     let nodes: Vec<DVec3> = outline.nodes.iter().map(|p| body.grid_to_lps.transform_point3(*p)).collect();
     let low = nodes.iter().copied().fold(DVec3::INFINITY, DVec3::min);
     let high = nodes.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let greys = ct.map(|volume| Greys { volume, from_lps: volume.voxel_to_lps.inverse() });
+    let greys = greys.filter(|g| g.at((low + high) / 2.0).is_some());
     let side = TILE * FINE;
     let scale = FILL * side as f64 / (high - low).max_element();
     let middle = (low + high) / 2.0;
@@ -81,7 +92,7 @@ pub fn draw(body: &Body, outline: &Outline) -> Picture {
     let tiles: Vec<Vec<[f32; 3]>> = views
         .par_iter()
         .map(|(view, kind)| match kind {
-            Kind::Slice => slice(body, &nodes, outline, view, scale),
+            Kind::Slice => slice(body, greys.as_ref(), &nodes, outline, view, scale),
             Kind::Surface => surface(&nodes, outline, view, scale),
         })
         .collect();
@@ -90,6 +101,11 @@ pub fn draw(body: &Body, outline: &Outline) -> Picture {
     let mut rgb = vec![0; width * height * 3];
     for (i, pixel) in rgb.chunks_exact_mut(3).enumerate() {
         let (x, y) = (i % width, i / width);
+        let (in_tile, edge) = ([x % TILE, y % TILE], TILE - GAP / FINE);
+        if in_tile.iter().any(|v| *v >= edge) {
+            pixel.copy_from_slice(&BACKGROUND.map(|c| c as u8));
+            continue;
+        }
         let tile = &tiles[y / TILE * COLUMNS + x / TILE];
         for (c, byte) in pixel.iter_mut().enumerate() {
             let fine = (0..FINE * FINE).map(|k| tile[(y % TILE * FINE + k / FINE) * side + x % TILE * FINE + k % FINE][c]);
@@ -113,20 +129,56 @@ impl View {
     }
 }
 
-fn slice(body: &Body, nodes: &[DVec3], outline: &Outline, view: &View, scale: f64) -> Vec<[f32; 3]> {
+/// A CT to be looked up by places in the patient.
+struct Greys<'a> {
+    volume: &'a CtVolume,
+    from_lps: DAffine3,
+}
+
+impl Greys<'_> {
+    /// The Hounsfield units at a point in patient LPS, mm, interpolated trilinearly; `None` beyond the volume.
+    fn at(&self, p: DVec3) -> Option<f32> {
+        let dims = self.volume.dims;
+        let far = DVec3::from_array(dims.map(|n| n as f64 - 1.0));
+        let v = self.from_lps.transform_point3(p);
+        if v.min_element() < -0.5 || (v - far).max_element() > 0.5 {
+            return None;
+        }
+        let v = v.clamp(DVec3::ZERO, far);
+        let low = v.floor();
+        let t = (v - low).as_vec3();
+        let value = |corner: usize| {
+            let index = |a: usize| (low[a] as usize + (corner >> a & 1)).min(dims[a] - 1);
+            self.volume.hu[index(0) + dims[0] * (index(1) + dims[1] * index(2))]
+        };
+        let weight = |corner: usize| (0..3).map(|a| if corner >> a & 1 == 1 { t[a] } else { 1.0 - t[a] }).product::<f32>();
+        Some((0..8).map(|c| weight(c) * value(c)).sum())
+    }
+
+    /// The same as a grey.
+    fn grey(&self, p: DVec3) -> Option<[f32; 3]> {
+        self.at(p).map(|hu| [255.0 * ((hu - WINDOW[0]) / (WINDOW[1] - WINDOW[0])).clamp(0.0, 1.0); 3])
+    }
+}
+
+fn slice(body: &Body, greys: Option<&Greys>, nodes: &[DVec3], outline: &Outline, view: &View, scale: f64) -> Vec<[f32; 3]> {
     let side = TILE * FINE;
     let back = body.grid_to_lps.inverse();
     let half = side as f64 / 2.0;
     let mut tile: Vec<[f32; 3]> = (0..side * side)
         .map(|i| {
             let (x, y) = ((i % side) as f64 + 0.5 - half, (i / side) as f64 + 0.5 - half);
-            let p = back.transform_point3(view.middle + (view.right * x + view.down * y) / scale);
-            let v = (p / body.spacing).round();
+            let lps = view.middle + (view.right * x + view.down * y) / scale;
+            let v = (back.transform_point3(lps) / body.spacing).round();
             let inside = v.min_element() >= 0.0 && (0..3).all(|a| v[a] < body.dims[a] as f64);
             let at = |v: DVec3| v.x as usize + body.dims[0] * (v.y as usize + body.dims[1] * v.z as usize);
-            match if inside { body.parts[at(v)] } else { 0 } {
-                0 => BACKGROUND,
-                part => LABELS[usize::from(part - 1).min(LABELS.len() - 1)],
+            let part = usize::from(if inside { body.parts[at(v)] } else { 0 });
+            let label = |part: usize| LABELS[(part - 1).min(LABELS.len() - 1)];
+            match (greys.map(|g| g.grey(lps).unwrap_or(BACKGROUND)), part) {
+                (None, 0) => BACKGROUND,
+                (None, part) => label(part),
+                (Some(grey), 0 | 1) => grey,
+                (Some(grey), part) => std::array::from_fn(|c| grey[c] * (1.0 - TINT) + label(part)[c] * TINT),
             }
         })
         .collect();

@@ -1,7 +1,9 @@
 //! Pixels of one frame as Hounsfield units, whatever their bits, sign and transfer syntax.
 
+use crate::dicom_codecs::Codec;
 use crate::dicom_file::Elements;
 use crate::error::ImagingError;
+use dicom_core::DicomValue;
 use dicom_dictionary_std::tags;
 use dicom_object::DefaultDicomObject;
 use dicom_pixeldata::PixelDecoder;
@@ -72,11 +74,15 @@ impl<'a> Frames<'a> {
             )
         };
         let pixels = e.set.get(tags::PIXEL_DATA).ok_or_else(|| e.wrong(tags::PIXEL_DATA, "is missing"))?;
-        let bytes = match pixels.to_bytes() {
-            Ok(native) => native,
-            Err(_) => object.decode_pixel_data().map_err(|e| bad(e.to_string()))?.into_data().into(),
-        };
         let (width, needed) = (allocated / 8, plane * count * allocated / 8);
+        let bytes = match (pixels.value(), Codec::of(&syntax)) {
+            (DicomValue::PixelSequence(fragments), Some(codec)) => {
+                let size = [e.count(tags::COLUMNS)?, e.count(tags::ROWS)?];
+                codec.decode(fragments, size, count, width).map_err(bad)?.into()
+            }
+            (DicomValue::PixelSequence(_), None) => object.decode_pixel_data().map_err(|e| bad(e.to_string()))?.into_data().into(),
+            _ => pixels.to_bytes().map_err(|e| bad(e.to_string()))?,
+        };
         if bytes.len() < needed {
             return Err(bad(format!("{} bytes of pixels, expected {needed}: the file is truncated", bytes.len())));
         }
@@ -115,10 +121,15 @@ impl<'a> Frames<'a> {
 
 /// What a transfer syntax is called, behind a comma.
 fn syntax_name(uid: &str) -> &'static str {
-    match uid {
-        "1.2.840.10008.1.2.4.80" | "1.2.840.10008.1.2.4.81" => ", JPEG-LS",
-        "1.2.840.10008.1.2.4.90" | "1.2.840.10008.1.2.4.91" => ", JPEG 2000",
-        "1.2.840.10008.1.2.4.201" | "1.2.840.10008.1.2.4.202" | "1.2.840.10008.1.2.4.203" => ", High-Throughput JPEG 2000",
+    match uid.strip_prefix("1.2.840.10008.1.2.4.").and_then(|n| n.parse::<u32>().ok()) {
+        Some(50..=70) => ", JPEG",
+        Some(80 | 81) => ", JPEG-LS",
+        Some(90 | 91) => ", JPEG 2000",
+        Some(92 | 93) => ", JPEG 2000 of several components",
+        Some(94 | 95 | 204 | 205) => ", JPIP: the pixels are not in the file",
+        Some(100..=108) => ", video",
+        Some(110..=112) => ", JPEG XL",
+        Some(201..=203) => ", High-Throughput JPEG 2000",
         _ => "",
     }
 }

@@ -11,8 +11,10 @@ use std::sync::Arc;
 const MAX_DEPTH: usize = 12;
 /// Files beyond which an input is refused.
 const MAX_FILES: usize = 200_000;
-/// A deflate stream cannot expand more than this (258 bytes out of two bits).
-const MAX_EXPANSION: u64 = 1032;
+/// What the members of an archive may unpack to in any case, all together, bytes; and how many times its size beyond that. Images pack to
+/// a half or a third, masks to a hundredth; a deflate stream can make 1032 bytes of one, and does so in archives made to fill a disk.
+const UNPACKED: u64 = 1 << 30;
+const EXPANSION: u64 = 200;
 /// Bytes that tell a DICOM file.
 const HEAD: u64 = 132;
 
@@ -50,7 +52,7 @@ impl InputFile {
     /// All bytes.
     ///
     /// # Errors
-    /// Those of the file system, and members that are damaged, encrypted, or larger than deflate can make them.
+    /// Those of the file system, and members that are damaged, encrypted, or larger than they declare.
     pub fn read(&self) -> Result<Vec<u8>, ImagingError> {
         self.read_up_to(u64::MAX)
     }
@@ -72,8 +74,12 @@ impl InputFile {
                     |e: String| ImagingError::Format { path: name.clone(), reason: format!("broken zip member: {e}; unpack the archive") };
                 let mut archive = archive.clone();
                 let member = archive.by_index(*index).map_err(|e| bad(e.to_string()))?;
-                let limit = member.compressed_size().saturating_mul(MAX_EXPANSION).min(most);
-                member.take(limit).read_to_end(&mut bytes).map_err(|e| bad(e.to_string()))?;
+                // The sizes were judged when the archive was opened; a member that holds more than it says lied to that.
+                let declared = member.size();
+                member.take(most.min(declared.saturating_add(1))).read_to_end(&mut bytes).map_err(|e| bad(e.to_string()))?;
+                if bytes.len() as u64 > declared {
+                    return Err(bad(format!("it holds more than the {declared} bytes that it declares")));
+                }
             }
         }
         Ok(bytes)
@@ -83,7 +89,7 @@ impl InputFile {
 /// All files of a folder, of a zip archive or of a DICOMDIR, in the order of their names; `None` when the path is any other file.
 ///
 /// # Errors
-/// Folders that cannot be read, broken archives, a DICOMDIR whose files are not there.
+/// Folders that cannot be read, broken archives, archives whose members overlap or unpack to many times their size, a DICOMDIR whose files are not there.
 pub fn list(path: &Path) -> Result<Option<Vec<InputFile>>, ImagingError> {
     let files = if path.is_dir() {
         let mut found = Vec::new();
@@ -133,13 +139,28 @@ fn members(path: &Path) -> Result<Vec<InputFile>, ImagingError> {
         path: path.into(),
         reason: format!("broken zip archive: {e}; unpack it and give the folder"),
     };
+    let packed = bytes.len() as u64;
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).map_err(bad)?;
-    let mut names = Vec::new();
+    let refused = |reason: String| ImagingError::Format { path: path.into(), reason };
+    let (mut names, mut places, mut unpacked) = (Vec::new(), Vec::new(), 0_u64);
     for index in 0..archive.len().min(MAX_FILES) {
         let member = archive.by_index_raw(index).map_err(bad)?;
+        let end = member.data_start().unwrap_or(member.header_start()).saturating_add(member.compressed_size());
+        places.push((member.header_start(), end));
+        unpacked = unpacked.saturating_add(member.size());
         if member.is_file() {
             names.push((member.name().map(|n| n.into_owned()).unwrap_or_else(|_| format!("member {index}")), index));
         }
+    }
+    places.sort_unstable();
+    if places.windows(2).any(|w| w[1].0 < w[0].1) || places.iter().any(|(_, end)| *end > packed) {
+        return Err(refused("members of this zip archive share their bytes: it is damaged, or made to fill a disk; make it anew".into()));
+    }
+    if unpacked > UNPACKED.max(packed.saturating_mul(EXPANSION)) {
+        let megabytes = unpacked >> 20;
+        return Err(refused(format!(
+            "this zip archive of {packed} bytes declares {megabytes} MB unpacked, more than {EXPANSION} times its size: if it is what it should be, unpack it and give the folder"
+        )));
     }
     names.sort();
     Ok(names.into_iter().map(|(name, index)| InputFile::InZip { archive: archive.clone(), index, name: path.join(name) }).collect())

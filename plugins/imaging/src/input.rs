@@ -2,7 +2,7 @@
 
 use crate::dicom_file::is_dicom;
 use crate::dicom_seg::Segment;
-use crate::dicom_series::Gaps;
+use crate::dicom_series::{CtVolume, Gaps};
 use crate::error::ImagingError;
 use crate::files::{self, InputFile};
 use crate::volume::{LabelChoice, LabelVolume};
@@ -50,6 +50,18 @@ pub fn read(path: &Path, selection: &Selection) -> Result<LabelVolume, ImagingEr
             }
         }
     }
+}
+
+/// The CT to draw under what [`read`] gives: the series of the selection, or the only one beside the labels. `None` when there is none or it
+/// cannot be read: labels are whole without it.
+#[must_use]
+pub fn ct(path: &Path, selection: &Selection) -> Option<CtVolume> {
+    let (series, gaps) = match selection {
+        Selection::Threshold { series, gaps, .. } => (series.as_deref(), *gaps),
+        Selection::Labels(_) => (None, Gaps::Interpolate),
+    };
+    files::list(path).ok()??;
+    dicom_series::find(path, series, gaps).ok()?.read().ok()
 }
 
 /// The segments of a DICOM-SEG, or of those in a folder, archive or DICOMDIR; none for other files.

@@ -4,6 +4,7 @@ pub mod cleave;
 pub mod components;
 pub mod contact_sheet;
 pub mod decimate;
+mod dicom_codecs;
 pub mod dicom_file;
 mod dicom_pixels;
 pub mod dicom_seg;

@@ -3,6 +3,7 @@
 use crate::cleave::{Parted, cleave};
 use crate::components::{self, ComponentChoice, ComponentReport};
 use crate::contact_sheet::{self, Outline};
+use crate::dicom_series::CtVolume;
 use crate::error::ImagingError;
 use crate::field::{BLUR_VOXELS, ScalarGrid};
 use crate::frame;
@@ -114,12 +115,12 @@ pub struct Made {
 }
 
 impl Made {
-    /// The picture of the mesh over its labels.
+    /// The picture of the mesh over its CT, when there is one that holds it, or over its labels.
     #[must_use]
-    pub fn contact_sheet(&self) -> contact_sheet::Picture {
+    pub fn contact_sheet(&self, ct: Option<&CtVolume>) -> contact_sheet::Picture {
         let (boundary, borders) = faces(&self.parted);
         let borders: Vec<[u32; 3]> = borders.into_iter().map(|(f, _)| f).collect();
-        contact_sheet::draw(&self.body, &Outline { nodes: &self.parted.nodes, boundary: &boundary, borders: &borders })
+        contact_sheet::draw(&self.body, &Outline { nodes: &self.parted.nodes, boundary: &boundary, borders: &borders }, ct)
     }
 }
 

@@ -8,6 +8,7 @@ pub mod check;
 pub mod ellipsoid;
 pub mod error;
 pub mod format;
+pub mod hilum;
 pub mod load;
 mod locate;
 pub mod place;

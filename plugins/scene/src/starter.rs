@@ -1,12 +1,13 @@
 //! The starter: a commented scene, made for a mesh, that plays at once and whose demonstration resects the tumour.
 //!
 //! The organ is laid so that the piece to be freed hangs below its body and towards the viewer, under a plane that leans by
-//! [`LEAN_DEG`]; the end farthest from the piece is held. The port of the blade lies in the plane of the cut, so a blade on the shaft's
+//! [`LEAN_DEG`]; the side of the hilum is held, or as much of it as the cut leaves alone. The port of the blade lies in the plane of the cut, so a blade on the shaft's
 //! axis sweeps that plane and nothing else while the shaft turns about its port. The freed piece falls away from the organ without a push.
 
 use crate::ellipsoid::ellipsoid;
 use crate::error::SceneError;
 use crate::format::Placement;
+use crate::hilum::hilum;
 use crate::section::{Fan, Plane, resection_plane, section};
 use bevy_math::{DMat3, DQuat, DVec3};
 use keyhole_tetmesh::TetMesh;
@@ -30,10 +31,19 @@ const SLOW: f64 = 0.7;
 const FINISH: f64 = 2.5;
 /// Share of the nodes that is held.
 const HELD: f64 = 0.2;
+/// Distance of what is held from the plane of the cut, m: as the tumour's margin, and the tenths of a millimetre of the scene's text.
+const CLEAR_M: f64 = 0.006;
+/// Share of the nodes that suffices where the cut is near.
+const LEAST_HELD: f64 = 0.12;
+/// Steps by which what is held moves from the hilum away from the cut, and their length, m.
+const HOLD_STEPS: u32 = 30;
+const HOLD_STEP_M: f64 = 0.002;
 /// Share of the piece's nodes, farthest from the cut, that an assistant holds until the cut is through.
 const SUPPORTED: f64 = 0.6;
+/// How far the organ would sink into the fat in which it lies if nothing else held it, m.
+const SINKS_M: f64 = 0.001;
 /// How far the piece sags in the assistant's hands once it is free, m: the cut opens that far.
-const SAG_M: f64 = 0.004;
+const SAG_M: f64 = 0.001;
 /// Time that the piece is seen falling at the end, s: about 12 cm.
 const FALLS_S: f64 = 0.15;
 /// Time between the end of the cut and the assistant's letting go, s.
@@ -46,9 +56,13 @@ struct Plan {
     mesh: String,
     placement: Placement,
     fan: Fan,
-    hold_point: DVec3,
-    hold_normal: DVec3,
+    /// The region that is held, as the scene writes it.
+    hold: String,
+    hold_note: &'static str,
+    bed_point: DVec3,
+    bed_compliance: f64,
     support_point: DVec3,
+    support_normal: DVec3,
     support_compliance: f64,
     blade_m: f64,
     /// Insertion at which the blade spans the section, m.
@@ -115,21 +129,24 @@ fn plan(mesh: &TetMesh, mesh_path: &str) -> Option<Plan> {
     let fan = Fan { centre: place(local.centre), blade: rotation * local.blade, sweep: rotation * local.sweep, ..local };
     let placed: Vec<DVec3> = mesh.nodes().map(|n| place(mesh.rest(n))).collect();
     let box_ = placed.iter().map(|p| (*p, *p)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
-    let mut depth: Vec<f64> = placed.iter().map(|p| -normal.dot(*p)).collect();
-    depth.sort_by(|a, b| b.total_cmp(a));
-    let held = *depth.get((HELD * depth.len() as f64) as usize)?;
+    let (hold, hold_note) = hold(mesh, &plane, &placement, &placed, normal)?;
     let mut below: Vec<f64> = placed.iter().map(|p| normal.dot(*p)).filter(|d| *d > 0.0).collect();
     below.sort_by(|a, b| b.total_cmp(a));
     let supports = (SUPPORTED * below.len() as f64) as usize;
     let supported = *below.get(supports)?;
-    let weight_n = 9.81 * 1050.0 * mesh.total_volume() * below.len() as f64 / placed.len() as f64;
+    // Nodes stand for equal shares of the weight.
+    let node_n = 9.81 * 1050.0 * mesh.total_volume() / placed.len() as f64;
+    let weight_n = node_n * below.len() as f64;
     let margin = OVERREACH_M / PORT_DISTANCE_M;
     Some(Plan {
         mesh: mesh_path.into(),
         placement,
-        hold_point: -normal * held,
-        hold_normal: -normal,
+        hold,
+        hold_note,
         support_point: normal * supported,
+        support_normal: normal,
+        bed_point: -normal * CLEAR_M,
+        bed_compliance: SINKS_M / node_n,
         support_compliance: SAG_M * supports as f64 / weight_n,
         blade_m: fan.radius.1 - fan.radius.0 + 2.0 * OVERREACH_M,
         insertion_m: fan.radius.0 - OVERREACH_M,
@@ -139,6 +156,33 @@ fn plan(mesh: &TetMesh, mesh_path: &str) -> Option<Plan> {
         materials: mesh.iter().map(|(t, _)| usize::from(mesh.tet(t).material.0) + 1).max().unwrap_or(1),
         fan,
     })
+}
+
+/// The part of the placed organ that is held, as the scene writes it, and what it is.
+///
+/// A ball about the hilum, as large as a share of the nodes needs and the cut allows. Where that is too small the ball moves away from the
+/// cut, step by step. An organ without a hollow is held at the end farthest from the piece. `normal` is that of the cut's plane in the
+/// world, which goes through the origin.
+fn hold(mesh: &TetMesh, plane: &Plane, placement: &Placement, placed: &[DVec3], normal: DVec3) -> Option<(String, &'static str)> {
+    let share = |distances: &mut Vec<f64>| {
+        distances.sort_by(f64::total_cmp);
+        distances.get((HELD * distances.len() as f64) as usize).copied()
+    };
+    if let Some(hilum) = hilum(mesh, |p| plane.distance(p) < -CLEAR_M) {
+        let hilum = placement.apply(hilum.point);
+        for step in 0..HOLD_STEPS {
+            let centre = hilum - normal * f64::from(step) * HOLD_STEP_M;
+            let mut distances: Vec<f64> = placed.iter().map(|p| p.distance(centre)).collect();
+            let wanted = share(&mut distances)?;
+            let radius = wanted.min(-normal.dot(centre) - CLEAR_M);
+            if distances.partition_point(|d| *d <= radius) as f64 >= LEAST_HELD * distances.len() as f64 {
+                let note = if step == 0 { "about the hilum" } else { "on the side of the hilum that the cut leaves alone" };
+                return Some((format!("Sphere(centre: {}, radius: {radius:.4})", point(centre)), note));
+            }
+        }
+    }
+    let far = share(&mut placed.iter().map(|p| normal.dot(*p)).collect())?;
+    Some((format!("HalfSpace(point: {}, normal: {})", point(normal * far), point(-normal)), "farthest from the cut"))
 }
 
 /// The rotation that lays an organ for its cut: the piece down and to the viewer, the blade's port to the right, above, in front. With it
@@ -159,7 +203,6 @@ fn rounded(p: Placement) -> Placement {
 }
 
 fn text(plan: &Plan, name: &str) -> String {
-    let point = |p: DVec3| format!("({:.4}, {:.4}, {:.4})", clean(p.x), clean(p.y), clean(p.z));
     let Plan { fan, box_, .. } = plan;
     let centre = fan.centre;
     let port = fan.port();
@@ -193,9 +236,8 @@ fn text(plan: &Plan, name: &str) -> String {
     let until_s = sweep_end + LETS_GO_S;
     let seconds = until_s + FALLS_S;
     let (support_point, support_normal, support_compliance) =
-        (point(plan.support_point), point(-plan.hold_normal), plan.support_compliance);
+        (point(plan.support_point), point(plan.support_normal), plan.support_compliance);
     let materials = materials(plan.materials);
-    let (hold_point, hold_normal) = (point(plan.hold_point), point(plan.hold_normal));
     let [tx, ty, tz] = plan.placement.translation;
     let [rx, ry, rz] = plan.placement.rotation_deg;
     let (translation, rotation) = (format!("({tx:.6}, {ty:.6}, {tz:.6})"), format!("({rx:.4}, {ry:.4}, {rz:.4})"));
@@ -218,10 +260,11 @@ fn text(plan: &Plan, name: &str) -> String {
 {materials}            ],
             // Baked into the rest shape. The piece to be freed lies below the organ's body, leaning to the viewer, so that it falls clear.
             transform: (translation: {translation}, rotation_deg: {rotation}),
-            // What holds the organ: a fifth of its nodes, farthest from the cut. Compliance in m/N; 0 holds rigidly. And the piece, softly, in an
-            // assistant's hands, until the cut is through: then it falls.
+            // What holds the organ: an eighth to a fifth of its nodes, {hold_note}. Compliance in m/N; 0 holds rigidly.
+            // The rest of the body lies softly in its fat, and the piece in an assistant's hands until the cut is through: then it falls.
             attachments: [
-                (region: HalfSpace(point: {hold_point}, normal: {hold_normal}), compliance_m_n: 0.0),
+                (region: {hold}, compliance_m_n: 0.0),
+                (region: HalfSpace(point: {bed_point}, normal: {bed_normal}), compliance_m_n: {bed_compliance:.2}),
                 (region: HalfSpace(point: {support_point}, normal: {support_normal}), compliance_m_n: {support_compliance:.2}, until_s: {until_s:.2}),
             ],
         ),
@@ -273,6 +316,11 @@ fn text(plan: &Plan, name: &str) -> String {
     views: (global: (eye: {eye}, target: {centre})),
 )
 "#,
+        bed_point = point(plan.bed_point),
+        bed_normal = point(-plan.support_normal),
+        bed_compliance = plan.bed_compliance,
+        hold = plan.hold,
+        hold_note = plan.hold_note,
         mesh = plan.mesh.escape_default(),
         name = name.escape_default(),
         port = point(port),
@@ -289,6 +337,11 @@ fn text(plan: &Plan, name: &str) -> String {
         below = point(centre + DVec3::new(0.0, -0.008, 0.0)),
         eye = point(eye),
     )
+}
+
+/// A point as the scene writes it.
+fn point(p: DVec3) -> String {
+    format!("({:.4}, {:.4}, {:.4})", clean(p.x), clean(p.y), clean(p.z))
 }
 
 /// No negative zero in the text.
