@@ -166,7 +166,9 @@ impl Scene {
 /// The models that go through the elements many times a tick: what one such iteration costs. With `BEAM_CELLS` on
 /// that beam alone, with `BEAM_MODEL` that model alone.
 fn models(only: Option<u32>, name: Option<&str>) {
-    println!("\nmodels by iterations over all elements: ns a tet and iteration by the clock, least of {REPEATS} seconds after the load is dropped");
+    println!(
+        "\nmodels by iterations over all elements: ns a tet and iteration by the clock, least of {REPEATS} seconds after the load is dropped"
+    );
     let xpbd = |substeps| TissueModel::Xpbd(XpbdSettings { substeps, ..Default::default() });
     let vbd = |substeps, iterations| TissueModel::Vbd(VbdSettings { substeps, iterations, ..Default::default() });
     for ([n, m], reference) in REFERENCE.into_iter().filter(|([n, _], _)| only.is_none_or(|o| o == *n)) {

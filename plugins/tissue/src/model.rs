@@ -12,7 +12,7 @@ use crate::settings::TissueSettings;
 use crate::teschner::{Teschner, TeschnerSettings};
 use crate::vbd::{Vbd, VbdSettings};
 use crate::xpbd::{self, XpbdSettings};
-use bevy_math::{DVec3, Vec3};
+use bevy_math::Vec3;
 use keyhole_tetmesh::{TetMesh, TopologyDelta};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 
@@ -144,33 +144,4 @@ impl ModelState {
             _ => body.step_with(membrane, state, holds, gravity, dt, settings),
         }
     }
-}
-
-/// Single nodes held without compliance: their slots, where they are and where they go in this tick.
-pub(crate) fn driven(holds: &[Hold], positions: &[Vec3]) -> Vec<(usize, Vec3, Vec3)> {
-    holds.iter().filter_map(|hold| hold.fixes().map(|i| (i, positions[i], hold.to))).collect()
-}
-
-/// Inverse masses, 1/kg; 0 for what is driven and for slots that nothing uses.
-pub(crate) fn inverse_masses(masses: &[f32], driven: &[(usize, Vec3, Vec3)]) -> Vec<f32> {
-    let mut inverse: Vec<f32> = masses.iter().map(|m| if *m > 0.0 { 1.0 / m } else { 0.0 }).collect();
-    for (i, ..) in driven {
-        inverse[*i] = 0.0;
-    }
-    inverse
-}
-
-/// What drag takes nothing of: the mean velocity of a body that nothing holds, m/s.
-pub(crate) fn drift(masses: &[f32], velocities: &[Vec3], holds: &[Hold]) -> Vec3 {
-    if holds.is_empty() { mean(masses, velocities.iter().copied()) } else { Vec3::ZERO }
-}
-
-/// The mean of a quantity of the nodes, weighted by their masses.
-pub(crate) fn mean(masses: &[f32], values: impl Iterator<Item = Vec3>) -> Vec3 {
-    let (mut sum, mut mass) = (DVec3::ZERO, 0.0);
-    for (m, v) in masses.iter().zip(values).filter(|(m, _)| **m > 0.0) {
-        sum += v.as_dvec3() * f64::from(*m);
-        mass += f64::from(*m);
-    }
-    if mass > 0.0 { (sum / mass).as_vec3() } else { Vec3::ZERO }
 }

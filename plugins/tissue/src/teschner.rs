@@ -15,8 +15,7 @@ use crate::graph::EdgeGraph;
 use crate::hold::Hold;
 use crate::material::{MaterialError, NeoHookean};
 use crate::membrane::Membrane;
-use crate::model::{drift, driven, inverse_masses};
-use crate::motion::step_of;
+use crate::motion::{drift, driven, inverse_masses};
 use bevy_math::{DVec3, Vec3};
 use keyhole_tetmesh::{EDGES, NodeId, TetId, TetMesh, TopologyDelta};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
@@ -368,7 +367,7 @@ impl Teschner {
                 state.velocities[*i] = (*to - *from) / dt;
             }
             for hold in holds.iter().filter(|hold| hold.fixes().is_none()) {
-                let moved = step_of(hold, s, h, |i| state.positions[i], |i| inverse[i]);
+                let moved = hold.step(hold.gap(s, Vec3::ZERO, |i| state.positions[i]), h, |i| inverse[i]);
                 for (n, weight) in &hold.point {
                     let moved = moved * (inverse[n.index()] * weight);
                     state.positions[n.index()] += moved;

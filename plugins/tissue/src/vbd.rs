@@ -136,7 +136,8 @@ impl Vbd {
         }
         let (n, sweeps) = (settings.substeps.max(1) as usize, settings.iterations.max(1) as usize);
         let h = dt / n as f32;
-        let tick = Tick { nodes, goals, fall: Fall { h, gravity, decay: (-drag_1_s * h).exp() }, masses: body.masses(), membrane, holds, pulled };
+        let tick =
+            Tick { nodes, goals, fall: Fall { h, gravity, decay: (-drag_1_s * h).exp() }, masses: body.masses(), membrane, holds, pulled };
         // A substep: the mean velocity, the beginning; sweeps of the colours of parts, the nodes that are pulled, the acceleration; the mean error, the end.
         let colours = rows.colours();
         let sweep = colours + 2;
@@ -282,7 +283,7 @@ impl Tick<'_> {
             let hold = &self.holds[*hold as usize];
             let around = matrix.x_axis.x.max(matrix.y_axis.y).max(matrix.z_axis.z);
             let k = if hold.compliance_m_n * RIGID * around > 1.0 { 1.0 / hold.compliance_m_n } else { RIGID * around };
-            let gap = hold.point.iter().map(|(n, w)| self.nodes.at.point(n.index()) * *w).sum::<Vec3>() - hold.from.lerp(hold.to, s);
+            let gap = self.nodes.gap(hold, s);
             right -= gap * (k * weight);
             matrix += Mat3::from_diagonal(Vec3::splat(k * weight * weight));
         }

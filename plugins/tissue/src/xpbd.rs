@@ -54,7 +54,7 @@ impl Default for XpbdSettings {
 /// What position-based dynamics keeps of a body between ticks: nothing before the first.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Xpbd {
-    blocks: Option<Box<Blocks>>,
+    pub(crate) blocks: Option<Box<Blocks>>,
     nodes: Nodes,
     crew: Crew,
 }
