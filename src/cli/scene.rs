@@ -22,7 +22,8 @@ enum SceneCommand {
     New {
         /// The scene to write, a .scene.ron file.
         file: PathBuf,
-        /// Mesh of the organ in metres; material 1 is the tumour. Without it an ellipsoid with a tumour is written beside the scene.
+        /// Mesh of the organ in metres; material 1 is the tumour. It is held by its hilum, its largest hollow. Without a mesh an ellipsoid with a
+        /// tumour is written beside the scene.
         #[arg(long, value_name = "MESH.vtu")]
         organ: Option<PathBuf>,
     },

@@ -22,7 +22,7 @@ const COLUMNS: usize = 4;
 /// Part of a tile that the body fills.
 const FILL: f64 = 0.9;
 /// Half the width of an outline, points of the drawing.
-const PEN: f64 = 1.2;
+const PEN: f64 = 1.5;
 const BACKGROUND: [f32; 3] = [14.0, 16.0, 20.0];
 /// Labels in slices, the organ first; parts beyond them take the last.
 const LABELS: [[f32; 3]; 3] = [[104.0, 104.0, 110.0], [176.0, 140.0, 88.0], [110.0, 140.0, 176.0]];
@@ -35,7 +35,7 @@ const GAP: usize = 2;
 /// Surface by material, likewise.
 const SURFACE: [[f32; 3]; 3] = [[196.0, 112.0, 98.0], [226.0, 196.0, 130.0], [130.0, 170.0, 220.0]];
 /// Outline of the organ and of the parts in it.
-const OUTLINE: [[f32; 3]; 2] = [[90.0, 220.0, 235.0], [255.0, 214.0, 64.0]];
+const OUTLINE: [[f32; 3]; 2] = [[0.0, 190.0, 225.0], [255.0, 196.0, 0.0]];
 
 /// A picture, red, green and blue, rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]

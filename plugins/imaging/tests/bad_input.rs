@@ -114,6 +114,39 @@ fn truncated_foreign_and_boasting_files_are_refused() {
     }
 }
 
+/// An archive of two stored members, with one field of the second's record in the central directory overwritten.
+fn archive(member: &[u8], field: usize, value: u32) -> Vec<u8> {
+    let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for name in ["a", "b"] {
+        zip.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();
+        std::io::Write::write_all(&mut zip, member).unwrap();
+    }
+    let mut bytes = zip.finish().unwrap().into_inner();
+    let record = bytes.windows(4).rposition(|w| w == b"PK\x01\x02").unwrap();
+    bytes[record + field..record + field + 4].copy_from_slice(&value.to_le_bytes());
+    bytes
+}
+
+#[test]
+fn archives_that_would_fill_a_disk_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("input.zip");
+    let refusal = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        dicom_series::find(&path, None, Gaps::Refuse).map(|_| ()).unwrap_err().to_string()
+    };
+    let slice = &dicom()[0];
+    // Fields of a record: compressed size at 20, size at 24, place of the member at 42.
+    let shared = refusal(&archive(slice, 42, 0));
+    assert!(shared.contains("share their bytes"), "{shared}");
+    let bomb = refusal(&archive(slice, 24, 0xf000_0000));
+    assert!(bomb.contains("3840 MB unpacked") && bomb.contains("200 times"), "{bomb}");
+    let liar = refusal(&archive(slice, 24, 300));
+    assert!(liar.contains("larger than its declared uncompressed size"), "{liar}");
+    let beyond = refusal(&archive(slice, 20, 0x0fff_ffff));
+    assert!(beyond.contains("share their bytes") || beyond.contains("broken zip"), "{beyond}");
+}
+
 #[test]
 fn selections_that_do_not_fit_are_refused() {
     let folder = tempfile::tempdir().unwrap();
