@@ -105,7 +105,8 @@ pub fn run(args: &DeviceArgs) -> Result<(), Failure> {
             Ok(())
         }
         DeviceCommand::Monitor { which, profile, raw, seconds } => {
-            let seconds = seconds.map(|s| Duration::try_from_secs_f64(s).map_err(|_| Failure::input(format!("--seconds {s}: expected 0 or more"))));
+            let seconds =
+                seconds.map(|s| Duration::try_from_secs_f64(s).map_err(|_| Failure::input(format!("--seconds {s}: expected 0 or more"))));
             let seconds = seconds.transpose()?;
             if *raw {
                 let device = chosen(&devices, which, &[])?;
@@ -129,7 +130,10 @@ pub fn run(args: &DeviceArgs) -> Result<(), Failure> {
                 None => new_file(device)?,
             };
             if output.exists() {
-                return Err(Failure::input(format!("{}: is there already and is never overwritten: name another file with -o", output.display())));
+                return Err(Failure::input(format!(
+                    "{}: is there already and is never overwritten: name another file with -o",
+                    output.display()
+                )));
             }
             let profile = calibrate(open(&mut bus, device)?, device, (*hand).into(), &answers())?;
             write_new(&output, &profile)?;
@@ -186,7 +190,8 @@ fn chosen<'a>(devices: &'a [DeviceInfo], which: &Which, profiles: &[Profile]) ->
         None => devices.iter().find(|d| best(d, profiles).is_some()),
     };
     found.ok_or_else(|| {
-        let asked = which.device.as_ref().map_or("no device was named, and none is the obvious one".to_owned(), |d| format!("no device is {d:?}"));
+        let asked =
+            which.device.as_ref().map_or("no device was named, and none is the obvious one".to_owned(), |d| format!("no device is {d:?}"));
         Failure::input(format!("{asked}: `keyhole device list` shows what is plugged in; name one by its number"))
     })
 }
@@ -349,7 +354,9 @@ fn ask(question: &str, transport: &mut dyn Transport, observer: &mut Observer, a
         match answers.try_recv() {
             Ok(line) => return Ok(line.trim().to_owned()),
             Err(TryRecvError::Empty) => {}
-            Err(TryRecvError::Disconnected) => return Err(Failure::input("the answers ended before the calibration: run it on a terminal")),
+            Err(TryRecvError::Disconnected) => {
+                return Err(Failure::input("the answers ended before the calibration: run it on a terminal"));
+            }
         }
     }
 }
@@ -430,7 +437,14 @@ mod tests {
     }
 
     fn bus() -> (VirtualBus, DeviceInfo) {
-        let info = DeviceInfo { path: "virtual".into(), vendor: 1, product: 2, name: "Trainer".into(), usages: vec![(1, 4)], ..Default::default() };
+        let info = DeviceInfo {
+            path: "virtual".into(),
+            vendor: 1,
+            product: 2,
+            name: "Trainer".into(),
+            usages: vec![(1, 4)],
+            ..Default::default()
+        };
         let feed = Box::new((0u64..).map(|ms| (Duration::from_millis(ms), wire().report(&[(3 * ms % 1000) as i64, 500, 0]))));
         let always = Duration::ZERO..Duration::MAX;
         let device = VirtualDevice { info: info.clone(), descriptor: wire().descriptor(), plugged: vec![always], denied: vec![], feed };

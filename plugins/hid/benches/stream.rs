@@ -20,7 +20,9 @@ const REPORTS: u32 = 5000;
 
 fn profile() -> Profile {
     let filter = "filter: (min_cutoff_hz: 10.0, beta: 1.0)";
-    let axis = |name: &str, usage: u16, means: &str, filter: &str| format!("{name}: (from: Usage(page: 1, usage: {usage}), means: {means}, {filter}),");
+    let axis = |name: &str, usage: u16, means: &str, filter: &str| {
+        format!("{name}: (from: Usage(page: 1, usage: {usage}), means: {means}, {filter}),")
+    };
     let text = format!(
         "(name: \"bench\", matches: [Device(vendor: 1)], rate_hz: 1000.0, hands: [(hand: Right, {}{}{}{}{} pedal: [(from: Usage(page: 9, usage: 1))])],
           force: (report: 0, bytes: 2, channels: [(effort: Yaw, start: 0, bits: 16, counts_per_unit: 1.0, limit: 1.0)]))",

@@ -67,14 +67,9 @@ impl Plugin for HidPlugin {
 }
 
 fn missing(profile: &str) -> DeviceReport {
-    let advice = format!("plug it in; `keyhole device list` shows what is there and which profile it gets, and {profile:?} is none of them");
-    DeviceReport {
-        name: profile.into(),
-        profile: profile.into(),
-        condition: DeviceCondition::Missing,
-        advice,
-        ..Default::default()
-    }
+    let advice =
+        format!("plug it in; `keyhole device list` shows what is there and which profile it gets, and {profile:?} is none of them");
+    DeviceReport { name: profile.into(), profile: profile.into(), condition: DeviceCondition::Missing, advice, ..Default::default() }
 }
 
 /// A device that is, or was, served.
@@ -116,19 +111,12 @@ impl Devices {
                 let report = report(&info, &profile, &hands);
                 match self.known.iter_mut().find(|k| k.id == id) {
                     Some(known) => {
-                        *known = Known { engaged: known.engaged, hands, line, report, profile, id, seen: 0, moved: [[0.0; 4]; 2], told: None };
+                        *known =
+                            Known { engaged: known.engaged, hands, line, report, profile, id, seen: 0, moved: [[0.0; 4]; 2], told: None };
                     }
-                    None => self.known.push(Known {
-                        id,
-                        profile,
-                        hands,
-                        line,
-                        engaged: 0,
-                        seen: 0,
-                        moved: [[0.0; 4]; 2],
-                        report,
-                        told: None,
-                    }),
+                    None => {
+                        self.known.push(Known { id, profile, hands, line, engaged: 0, seen: 0, moved: [[0.0; 4]; 2], report, told: None })
+                    }
                 }
             }
             Event::Refused { info, profile, condition, advice } => {
@@ -180,10 +168,8 @@ impl Known {
 }
 
 fn device_hand(reading: &HandReading, before: [f64; 4], live: bool, engaged: u64) -> DeviceHand {
-    let axis = |i: usize| AxisInput {
-        at: reading.at[i].map(|at| at as f32),
-        by: if live { (reading.moved[i] - before[i]) as f32 } else { 0.0 },
-    };
+    let axis =
+        |i: usize| AxisInput { at: reading.at[i].map(|at| at as f32), by: if live { (reading.moved[i] - before[i]) as f32 } else { 0.0 } };
     DeviceHand {
         live,
         engaged,

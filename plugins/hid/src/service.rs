@@ -39,7 +39,12 @@ impl Service {
     /// Nothing happens but by [`Service::advance`].
     #[must_use]
     pub fn stepped(bus: Box<dyn Bus>, profiles: Vec<Profile>) -> Self {
-        Self::Stepped(Box::new(Stepped { keeper: Keeper::new(bus, profiles), sessions: Vec::new(), events: Vec::new(), scan: Duration::ZERO }))
+        Self::Stepped(Box::new(Stepped {
+            keeper: Keeper::new(bus, profiles),
+            sessions: Vec::new(),
+            events: Vec::new(),
+            scan: Duration::ZERO,
+        }))
     }
 
     /// Lets everything happen until `now` that nobody waits for in threads.

@@ -52,7 +52,11 @@ pub struct Switch {
 enum SwitchPlace {
     Field(Field),
     /// In a list of the buttons that are pressed.
-    Listed { first: BitField, places: usize, value: i64 },
+    Listed {
+        first: BitField,
+        places: usize,
+        value: i64,
+    },
 }
 
 impl Switch {
@@ -152,9 +156,7 @@ impl Number {
                 Ok(Some(f64::from(i8::from(plus.held) - i8::from(minus.held))))
             }
             Self::Rightward(fields) => Ok(parts(fields, report)?.map(|[right, _, inward]| right.atan2(inward).to_degrees())),
-            Self::Upward(fields) => {
-                Ok(parts(fields, report)?.map(|[right, up, inward]| up.atan2(right.hypot(inward)).to_degrees()))
-            }
+            Self::Upward(fields) => Ok(parts(fields, report)?.map(|[right, up, inward]| up.atan2(right.hypot(inward)).to_degrees())),
         }
     }
 }

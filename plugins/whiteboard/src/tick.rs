@@ -1,6 +1,9 @@
 //! One tick of the simulator: the order of its sets, and what each cost.
 
-use crate::{CutSettings, CutStatus, DeviceHands, DeviceStatus, Gravity, KeyMap, PointerClaims, SceneRequirements, SimulationControl, TopologyChanged, ViewMode};
+use crate::{
+    CutSettings, CutStatus, DeviceHands, DeviceStatus, Gravity, KeyMap, PointerClaims, SceneRequirements, SimulationControl,
+    TopologyChanged, ViewMode,
+};
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
 use bevy_ecs::schedule::{LogLevel, ScheduleBuildSettings};

@@ -1,7 +1,7 @@
 //! What a device can do to a procedure: each fault comes in the middle of a grasp, on the virtual clock, through the code that real devices go through.
 
-use bevy_math::{Isometry3d, Vec3};
 use crate::common::*;
+use bevy_math::{Isometry3d, Vec3};
 use keyhole_hid::virtual_bus::Feed;
 use keyhole_hid::{Profile, VirtualDevice};
 use keyhole_whiteboard::{
@@ -182,11 +182,8 @@ fn two_devices_of_one_kind_are_two_hands_and_a_third_is_told_so() {
     run_until(&mut app, 1.0);
     let status = &app.world().resource::<DeviceStatus>().0;
     let conditions: Vec<_> = status.iter().map(|d| (d.hands.clone(), d.condition)).collect();
-    let expected = vec![
-        (vec![Hand::Right], DeviceCondition::Live),
-        (vec![Hand::Left], DeviceCondition::Live),
-        (vec![], DeviceCondition::Unsuitable),
-    ];
+    let expected =
+        vec![(vec![Hand::Right], DeviceCondition::Live), (vec![Hand::Left], DeviceCondition::Live), (vec![], DeviceCondition::Unsuitable)];
     assert_eq!(conditions, expected);
 }
 

@@ -176,7 +176,9 @@ fn a_calibration_finds_each_axis_and_its_profile_reads_the_hand() {
     mapping.take(Duration::ZERO, &held.report()).unwrap();
     let reading = mapping.reading(0);
     let at = reading.at.map(Option::unwrap);
-    assert!((at[0].to_degrees() - 30.0).abs() < 0.01 && (at[1].to_degrees() + 12.0).abs() < 0.01 && (at[3].to_degrees() - 20.0).abs() < 0.01);
+    assert!(
+        (at[0].to_degrees() - 30.0).abs() < 0.01 && (at[1].to_degrees() + 12.0).abs() < 0.01 && (at[3].to_degrees() - 20.0).abs() < 0.01
+    );
     // What the trainee called 0 mm was at 50.
     assert!((at[2] - 0.03).abs() < 1e-5 && (reading.grip.unwrap() - 0.7).abs() < 1e-4 && reading.pedal, "{reading:?}");
 }
