@@ -12,6 +12,7 @@ use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use keyhole_cutting::CuttingPlugin;
 use keyhole_grasping::GraspingPlugin;
+use keyhole_hid::{HidPlugin, shipped};
 use keyhole_hud::HudPlugin;
 use keyhole_instruments::{InstrumentsPlugin, ScriptClock};
 use keyhole_tissue::TissuePlugin;
@@ -78,7 +79,7 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
         Output::Window => {
             // Where a tick costs more than its time, simulated time lags behind; frames stay short and hands stay in touch.
             app.insert_resource(Time::<Virtual>::from_max_delta(Duration::from_secs_f64(MOST_TICKS_A_FRAME / TICKS_PER_SECOND)))
-                .add_plugins((ViewPlugin::default(), HudPlugin))
+                .add_plugins((ViewPlugin::default(), HudPlugin, devices()))
                 .add_systems(Last, hand_over);
         }
     }
@@ -96,6 +97,13 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
         app.update();
     }
     app
+}
+
+/// The devices of this machine. A profile of the user that is none is logged, and does not matter to the others.
+fn devices() -> HidPlugin {
+    let (profiles, errors) = shipped::all();
+    errors.iter().for_each(|error| tracing::warn!("{error}"));
+    HidPlugin::of_this_machine(profiles)
 }
 
 fn add_engine(app: &mut App, settings: Settings) {

@@ -120,7 +120,7 @@ fn a_window_without_a_display_says_why() {
 fn help_names_every_command() {
     let output = keyhole(Path::new("."), &["--help"]);
     assert!(output.status.success());
-    for command in ["play", "run", "mesh", "cut", "study", "scene", "phantom"] {
+    for command in ["play", "run", "mesh", "cut", "study", "scene", "device", "phantom"] {
         assert!(text(&output.stdout).lines().any(|l| l.trim_start().starts_with(command)), "{command}: {}", text(&output.stdout));
     }
     assert!(keyhole(Path::new("."), &["--version"]).status.success());

@@ -128,7 +128,7 @@ fn a_handle_to_the_right_moves_the_tip_to_the_left_and_the_deeper_the_farther() 
 fn unplugged_in_mid_grasp_the_instrument_holds_still_and_goes_on_from_there() {
     // The hand squeezes, goes away while the plug is out, comes back elsewhere with the rings open, and squeezes again.
     let held = |at_s: f64| match at_s {
-        t if t < 2.0 => Held(10.0 * t, 0.0, 100.0, 0.2, false),
+        t if t < 2.0 => Held(10.0 * t, 0.0, 100.0, (1.0 - t).max(0.2), false),
         t if t < 4.0 => Held(-25.0, 15.0, 140.0, 1.0, false),
         t => Held(-25.0 + 5.0 * (t - 4.0), 15.0, 140.0, (1.0 - (t - 4.0)).max(0.1), false),
     };

@@ -2,6 +2,7 @@
 
 pub mod cut;
 pub mod device;
+mod device_monitor;
 pub mod failure;
 pub mod mesh;
 pub mod phantom;

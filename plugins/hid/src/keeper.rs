@@ -91,7 +91,7 @@ impl Keeper {
         }
         // Who is meant by name comes before who is one of a kind.
         found.sort_by_key(|(rank, ..)| *rank);
-        for (_, info, profile) in found {
+        for (rank, info, profile) in found {
             match self.serve(&info, &profile, now) {
                 Ok((id, hands, session, line)) => {
                     if let Some(at) = self.refused.iter().position(|(path, _)| *path == info.path) {
@@ -101,6 +101,8 @@ impl Keeper {
                     events.push(Event::Opened { id, info, profile, hands, line });
                     sessions.push((id, session));
                 }
+                // A joystick that is not like a gamepad is not for this program: nobody meant it.
+                Err((DeviceCondition::Unsuitable, _)) if rank == BY_KIND => {}
                 Err((condition, advice)) => {
                     let known = (info.path.clone(), advice.clone());
                     if !self.refused.contains(&known) {
@@ -181,6 +183,9 @@ impl Keeper {
     }
 }
 
+/// Rank of a profile that matches by the kind of the device alone.
+const BY_KIND: u8 = 3;
+
 /// How well a profile matches, the smaller the better; `None` when it does not.
 #[must_use]
 pub fn rank(profile: &Profile, info: &DeviceInfo) -> Option<u8> {
@@ -188,7 +193,7 @@ pub fn rank(profile: &Profile, info: &DeviceInfo) -> Option<u8> {
         Match::Device { vendor, product: Some(product) } if (*vendor, *product) == (info.vendor, info.product) => Some(0),
         Match::Device { vendor, product: None } if *vendor == info.vendor => Some(2),
         Match::Named(part) if info.name.to_lowercase().contains(&part.to_lowercase()) => Some(1),
-        Match::Usage { page, usage } if info.usages.contains(&(*page, *usage)) => Some(3),
+        Match::Usage { page, usage } if info.usages.contains(&(*page, *usage)) => Some(BY_KIND),
         _ => None,
     };
     profile.matches.iter().filter_map(rank).min()

@@ -13,6 +13,7 @@ pub mod mapping;
 pub mod plugin;
 pub mod profile;
 pub mod report;
+mod rules;
 pub mod service;
 pub mod session;
 pub mod shipped;

@@ -6,7 +6,8 @@ use bevy::prelude::*;
 use bevy_egui::egui::{self, Align2, Color32, RichText, Ui};
 use bevy_egui::{EguiContexts, PrimaryEguiContext};
 use keyhole_whiteboard::{
-    Blade, CutMethod, CutPattern, CutSettings, CutStatus, Grasp, Instrument, KeyMap, SimulationControl, TickCost, ViewMode,
+    Blade, CutMethod, CutPattern, CutSettings, CutStatus, DeviceReport, DeviceStatus, Grasp, Instrument, KeyMap, SimulationControl,
+    TickCost, ViewMode,
 };
 
 const ACTIVE: Color32 = Color32::from_rgb(255, 160, 60);
@@ -28,6 +29,7 @@ pub fn draw_hud(
     cost: Res<TickCost>,
     meshes: Res<MeshFigures>,
     keys: Res<KeyMap>,
+    devices: Res<DeviceStatus>,
     instruments: Query<(&Instrument, Option<&Blade>, Option<&Grasp>)>,
 ) -> Result {
     if present.is_empty() {
@@ -61,6 +63,13 @@ pub fn draw_hud(
             ui.label(RichText::new("F1 keys   F2 hide").color(QUIET).small());
         });
     }
+    // What a device needs is shown even when the panel is hidden: its instruments hold still until it is done.
+    let mut shown = devices.0.iter().filter(|d| state.panel || !d.advice.is_empty()).peekable();
+    if shown.peek().is_some() {
+        egui::Window::new("Devices").anchor(Align2::RIGHT_TOP, [-10.0, 10.0]).resizable(false).default_width(300.0).show(context, |ui| {
+            shown.for_each(|device| show_device(ui, device));
+        });
+    }
     if state.keys {
         egui::Window::new("Keys").anchor(Align2::CENTER_CENTER, [0.0, 0.0]).resizable(false).collapsible(false).show(context, |ui| {
             egui::Grid::new("keys").num_columns(2).spacing([18.0, 4.0]).show(ui, |ui| {
@@ -83,6 +92,16 @@ pub fn draw_hud(
 /// A grasp is slipping when more than half of its points slide.
 fn slips(grasp: &Grasp) -> &'static str {
     if 2 * grasp.sliding > grasp.points { ", slips" } else { "" }
+}
+
+fn show_device(ui: &mut Ui, device: &DeviceReport) {
+    let colour = if device.condition.moves() && device.advice.is_empty() { QUIET } else { ACTIVE };
+    let hands: Vec<String> = device.hands.iter().map(|hand| format!("{hand:?}").to_lowercase()).collect();
+    let hands = if hands.is_empty() { String::new() } else { format!(" ({})", hands.join(", ")) };
+    ui.label(RichText::new(format!("{}{hands}: {:?}", device.name, device.condition)).color(colour));
+    if !device.advice.is_empty() {
+        ui.label(&device.advice);
+    }
 }
 
 fn show_control(ui: &mut Ui, intent: &mut Intent, view: ViewMode, control: &SimulationControl) {

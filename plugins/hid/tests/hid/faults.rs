@@ -65,7 +65,7 @@ fn garbage_and_half_reports_freeze_the_hand_and_are_said() {
             .collect::<Vec<u8>>()
     };
     let half = |at_s: f64| grasp(at_s).report()[..5].to_vec();
-    let empty_or_long = |at_s: f64| if (at_s * 1e3) as u64 % 2 == 0 { vec![0] } else { vec![0xff; 3] };
+    let empty_or_long = |at_s: f64| if ((at_s * 1e3) as u64).is_multiple_of(2) { vec![0] } else { vec![0xff; 3] };
     for feed in [fault(noise), fault(half), fault(empty_or_long)] {
         let (mut app, _) = theatre(vec![device("a", always(), feed)], vec![profile()]);
         run_until(&mut app, 1.95);
@@ -132,7 +132,7 @@ fn a_stuck_axis_is_named_and_the_others_go_on() {
 #[test]
 fn a_trembling_axis_is_named_and_followed() {
     let held = |at_s: f64| {
-        let tremor = if (at_s * 1e3).round() as u64 % 2 == 0 { 2.0 } else { -2.0 };
+        let tremor = if ((at_s * 1e3).round() as u64).is_multiple_of(2) { 2.0 } else { -2.0 };
         Held { pitch: tremor, ..grasp(at_s) }
     };
     let (mut app, _) = theatre(vec![device("a", always(), moving(held))], vec![profile()]);
