@@ -3,7 +3,8 @@
 use crate::cli::Failure;
 use crate::report::folder::Folder;
 use crate::study::contender::Contender;
-use crate::study::filmed::{self, FilmError};
+use crate::study::film::FilmError;
+use crate::study::filmed;
 use crate::study::hardship::Hardship;
 use crate::study::plan::{CELLS_MM, Plan, phantom_kidneys, read_mesh};
 use crate::study::specimen::Case;

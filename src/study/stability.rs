@@ -142,7 +142,7 @@ fn off(mesh: &TetMesh, state: &TissueState) -> f64 {
 }
 
 /// A hundred strokes from above across the beam, 6 to 12 mm deep, at places that come again; the last first.
-fn strokes() -> Vec<BladeSample> {
+pub fn strokes() -> Vec<BladeSample> {
     let mut samples = Vec::new();
     for i in 0..100 {
         let x = 0.012 + 0.04 * (f64::from(i) * 0.618).fract();

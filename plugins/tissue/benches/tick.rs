@@ -8,7 +8,7 @@ use divan::Bencher;
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_tissue::adopt::adopt;
 use keyhole_tissue::beam::{GRAVITY, REFERENCE, beam, beam_material, clamp, fix, tip_mm};
-use keyhole_tissue::{Body, Hold, Momentum, Solver, TissueSettings};
+use keyhole_tissue::{Body, Hold, ModelState, Momentum, TissueModel, TissueSettings, XpbdSettings};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
@@ -37,7 +37,8 @@ fn main() {
         let way = pool(2).install(|| scene.way(&exact, 60));
         println!("\n{} tets", scene.mesh.tet_count());
         let implicit = |substeps, tolerance| TissueSettings { substeps, tolerance, ..Default::default() };
-        let xpbd = |substeps| TissueSettings { solver: Solver::Xpbd, substeps, ..Default::default() };
+        let xpbd =
+            |substeps| TissueSettings { model: TissueModel::Xpbd(XpbdSettings { substeps, ..Default::default() }), ..Default::default() };
         for settings in [implicit(1, 0.5), implicit(1, 0.1), implicit(1, 0.01), implicit(2, 0.1), implicit(4, 0.01), xpbd(10), xpbd(40)] {
             scene.report(&settings, reference, &way);
         }
@@ -79,10 +80,14 @@ impl Scene {
         Self { body: Body::new(&mesh, &beam_material()).unwrap(), holds: clamp(&mesh), mesh }
     }
 
+    fn model(&self, settings: &TissueSettings) -> ModelState {
+        ModelState::new(settings.model, None, &self.body, &self.mesh, &beam_material()).unwrap()
+    }
+
     fn way(&self, settings: &TissueSettings, ticks: u32) -> Vec<f64> {
-        let (mut body, mut state) = (self.body.clone(), TissueState::at_rest(&self.mesh));
+        let (mut model, mut body, mut state) = (self.model(settings), self.body.clone(), TissueState::at_rest(&self.mesh));
         let tick = |_| {
-            body.step(&mut state, &self.holds, GRAVITY, DT, settings);
+            model.step(&mut body, &mut state, &self.holds, GRAVITY, DT, settings);
             tip_mm(&self.mesh, &state)
         };
         (0..ticks).map(tick).collect()
@@ -95,12 +100,12 @@ impl Scene {
     /// A second after the load was dropped, the fastest of several.
     fn second(&self, settings: &TissueSettings, threads: usize) -> Cost {
         let run = || {
-            let (mut body, mut state) = (self.body.clone(), TissueState::at_rest(&self.mesh));
+            let (mut model, mut body, mut state) = (self.model(settings), self.body.clone(), TissueState::at_rest(&self.mesh));
             let (wall, cpu) = (Instant::now(), cpu_s());
             let (mut worst_ms, mut iterations, mut allocations) = (0.0_f64, 0, 0);
             for tick in 0..60 {
                 let (start, memory) = (Instant::now(), Region::new(MEMORY));
-                body.step(&mut state, &self.holds, GRAVITY, DT, settings);
+                model.step(&mut body, &mut state, &self.holds, GRAVITY, DT, settings);
                 worst_ms = worst_ms.max(start.elapsed().as_secs_f64() * 1e3);
                 iterations += body.solver_report().0;
                 if tick > 1 {
@@ -131,9 +136,9 @@ impl Scene {
         let tets = self.mesh.tet_count() as f64;
         let tip = (pool(2).install(|| self.rest(settings)) / reference - 1.0) * 100.0;
         let away = self.way(settings, 60).iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / -reference * 100.0;
-        let name = match settings.solver {
-            Solver::Implicit => format!("implicit x {} to {}", settings.substeps, settings.tolerance),
-            other => format!("{other:?} x {}", settings.substeps),
+        let name = match settings.model {
+            TissueModel::Xpbd(own) => format!("xpbd x {}", own.substeps),
+            other => format!("{} x {} to {}", other.name(), settings.substeps, settings.tolerance),
         };
         println!(
             "{name:22} cost {:.3} (cpu {:.3}), two threads {:.3}; worst tick {:.1} ms; {:4.1} iterations a tick, {:5.0} ns a tet and tick, {:5.1} ns a \

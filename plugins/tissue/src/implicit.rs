@@ -20,9 +20,9 @@
 use crate::body::Body;
 use crate::gradients::{Spring, Stop};
 use crate::hold::Hold;
-use crate::newton::{Astray, Care, Newton};
+use crate::newton::{Astray, Care, Newton, TANGLED};
+use crate::rescue;
 use crate::settings::TissueSettings;
-use crate::{rescue, xpbd};
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_whiteboard::{TissuePoint, TissueState};
 use std::f32::consts::FRAC_1_SQRT_2;
@@ -36,6 +36,12 @@ const STIFF: f32 = 100.0;
 /// Root mean square of the displacement, as a share of the body's size, that conjugate gradients do not care about.
 const FINE: f64 = 3e-7;
 
+/// Part of its energy that a body may gain in a substep of several steps of Newton's method, by the error of the method.
+const GAIN: f64 = 0.05;
+
+/// A body that has needed care for so long, s, is not coming out of it by itself: it is rescued as one that is tangled. Ticks without care count half against it.
+const ASTRAY_S: f32 = 0.5;
+
 /// Everything the implicit solver keeps between ticks.
 #[derive(Clone, Debug, Default)]
 pub struct Implicit {
@@ -48,6 +54,10 @@ pub struct Implicit {
     starts: Vec<(usize, Vec3)>,
     /// Substeps of the last tick that had to be done carefully.
     pub(crate) careful: u32,
+    /// For how long it has needed care, s.
+    astray_s: f32,
+    /// Positions and velocities to go back to.
+    kept: (Vec<Vec3>, Vec<Vec3>),
 }
 
 /// The numbers of a substep.
@@ -98,15 +108,22 @@ pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: V
     let n = settings.substeps.max(1);
     solver.starts.clear();
     solver.starts.extend(holds.iter().filter_map(|d| d.fixes().map(|i| (i, state.positions[i]))));
+    if solver.astray_s > ASTRAY_S {
+        rescue::step(body, state, holds, gravity, dt, settings.drag_1_s);
+        (solver.careful, solver.astray_s) = (1, 0.0);
+        body.implicit = solver;
+        return;
+    }
     // One job for the pool: every loop within is split among its threads.
     rayon::scope(|_| {
         for substep in 0..n {
             let step = Step { h: dt / n as f32, gravity, end: (substep + 1) as f32 / n as f32, share: 1.0 / n as f32 };
             match solver.substep(body, state, holds, step, settings) {
                 Ok(()) => {}
-                Err(Astray::Tangled) if substep == 0 => {
+                // Where it would go may be tangled where it is not: then it goes carefully.
+                Err(Astray::Tangled) if substep == 0 && rescue::is_tangled(body, state, TANGLED) => {
                     solver.careful += 1;
-                    xpbd::step(body, state, holds, gravity, dt, &rescue::settings(body, settings));
+                    rescue::step(body, state, holds, gravity, dt, settings.drag_1_s);
                     break;
                 }
                 Err(_) => {
@@ -116,6 +133,7 @@ pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: V
             }
         }
     });
+    solver.astray_s = if solver.careful > 0 { solver.astray_s + dt } else { (solver.astray_s - dt / 2.0).max(0.0) };
     body.implicit = solver;
 }
 
@@ -129,13 +147,36 @@ impl Implicit {
         settings: &TissueSettings,
     ) -> Result<(), Astray> {
         let length = STAGE * step.h;
+        self.newton.rounds = 0;
         let first = Stage { length, reach: length + settings.viscosity_s, before: 0.0 };
         self.stage(body, state, holds, step, first, settings, Care::Usual)?;
         std::mem::swap(&mut self.first, &mut self.velocity);
         let second = Stage { before: step.h - length, ..first };
         self.stage(body, state, holds, step, second, settings, Care::Usual)?;
+        // What took one step of Newton's method each is as it should be.
+        let doubtful = self.newton.rounds > 1 && holds.iter().all(|hold| hold.from == hold.to);
+        if doubtful {
+            self.kept.0.clone_from(&state.positions);
+            self.kept.1.clone_from(&state.velocities);
+        }
         self.finish(body, state, holds, step, second, settings);
+        if doubtful && self.has_gained(body, state, step) {
+            state.positions.clone_from(&self.kept.0);
+            state.velocities.clone_from(&self.kept.1);
+            return Err(Astray::Wild);
+        }
         Ok(())
+    }
+
+    /// Whether the body has more energy than it had, and than its weight has given it by falling: nothing that stands still gives it any.
+    fn has_gained(&self, body: &Body, state: &TissueState, step: Step) -> bool {
+        let (positions, velocities) = &self.kept;
+        let before = TissueState { positions: positions.clone(), velocities: velocities.clone() };
+        let energy = |state: &TissueState| body.kinetic_energy(state) + body.elastic_energy(state);
+        let fallen = |(m, (x, b)): (&f32, (&Vec3, &Vec3))| f64::from(*m) * f64::from((*x - *b).dot(step.gravity));
+        let work: f64 = body.masses.iter().zip(state.positions.iter().zip(positions)).filter(|(m, _)| **m > 0.0).map(fallen).sum();
+        let had = energy(&before);
+        energy(state) > had + work + GAIN * (had + work.abs())
     }
 
     /// Backward Euler, downhill.

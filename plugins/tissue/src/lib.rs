@@ -34,7 +34,7 @@ pub use material::{MaterialError, NeoHookean};
 pub use membrane::{Capsule, Membrane};
 pub use model::{ModelState, TissueModel};
 pub use plugin::{Quarantined, TissueBody, TissuePlugin, TissueReport};
-pub use settings::{Solver, TissueSettings};
+pub use settings::TissueSettings;
 pub use teschner::TeschnerSettings;
 pub use vbd::VbdSettings;
 pub use xpbd::{Constraints, XpbdSettings};

@@ -19,7 +19,8 @@ use keyhole_whiteboard::{OrganMaterials, TissueState};
 /// A soft-tissue model with its settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum TissueModel {
-    /// The simulator's own: what [`TissueSettings::solver`] says, with [`TissueSettings::substeps`]. The only one that a capsule does not reach.
+    /// The simulator's own: two implicit stages a substep by Newton's method, right at rest and in motion with one substep. The only one that a capsule does
+    /// not reach. See [`crate::implicit`].
     #[default]
     Implicit,
     /// The paper's: distance and volume potentials, explicit Verlet steps. See [`crate::teschner`].

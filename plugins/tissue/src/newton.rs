@@ -15,7 +15,7 @@ const HALVINGS: u32 = 10;
 
 /// A body is tangled when more than one in so many of its elements is inverted. A few may be a bridge of tissue about to be cut through, torn out of
 /// shape by the weight of what hangs on it.
-const TANGLED: usize = 400;
+pub(crate) const TANGLED: usize = 400;
 
 /// Most steps of Newton's method of a stage that goes as usual. Nearly always one does.
 const USUAL_STEPS: u32 = 4;
@@ -69,6 +69,8 @@ pub struct Newton {
     pub(crate) springs: Vec<Spring>,
     /// Iterations of conjugate gradients since this was last set to zero.
     pub(crate) iterations: u32,
+    /// Most steps of Newton's method of a stage since this was last set to zero.
+    pub(crate) rounds: u32,
 }
 
 impl Newton {
@@ -132,6 +134,7 @@ impl Newton {
         let mut before = 0.0;
         let mut convex = care == Care::Downhill;
         for round in 1..=most {
+            self.rounds = self.rounds.max(round);
             if self.assemble(convex) * TANGLED > body.elements.len() && care == Care::Usual {
                 return Err(Astray::Tangled);
             }
