@@ -3,6 +3,7 @@
 use crate::study::contender::Contender;
 use crate::study::filmed::Filmed;
 use crate::study::markup::{cell, frame, table};
+use crate::study::refinement::Refined;
 use crate::study::scatter::{Dot, Scatter, draw};
 use crate::study::specimen::Case;
 use crate::study::svg::Drawing;
@@ -40,12 +41,13 @@ fn row(trade: &Trade, run: &TradeRun) -> Vec<String> {
         number(run.error),
         number(run.total_error),
         number(run.shape_error),
+        trade.front(run.bench).iter().any(|f| f.contender == run.contender).to_string(),
         run.way_error.map(number).unwrap_or_default(),
         run.swing_error.map(number).unwrap_or_default(),
     ]
 }
 
-const HEADER: [&str; 14] = [
+const HEADER: [&str; 15] = [
     "case",
     "tets",
     "model",
@@ -58,6 +60,7 @@ const HEADER: [&str; 14] = [
     "error",
     "total_error",
     "shape_error",
+    "on_front",
     "way_error",
     "swing_error",
 ];
@@ -66,7 +69,7 @@ const HEADER: [&str; 14] = [
 ///
 /// # Errors
 /// The first file that cannot be written.
-pub fn write_all(trade: &Trade, filmed: Option<&Filmed>, folder: &Path) -> Result<(), StudyError> {
+pub fn write_all(trade: &Trade, refined: &[Refined], filmed: Option<&Filmed>, folder: &Path) -> Result<(), StudyError> {
     let path = folder.join("trade.csv");
     let named = |source| StudyError::Table { path: path.clone(), source };
     let mut writer = csv::Writer::from_path(&path).map_err(named)?;
@@ -82,7 +85,7 @@ pub fn write_all(trade: &Trade, filmed: Option<&Filmed>, folder: &Path) -> Resul
     for plot in &plots {
         write(&folder.join(&plot.name), &plot.svg)?;
     }
-    write(&folder.join("index.html"), &page(trade, filmed, &plots))
+    write(&folder.join("index.html"), &page(trade, refined, filmed, &plots))
 }
 
 fn plots(trade: &Trade) -> Result<Vec<Drawing>, StudyError> {
@@ -98,14 +101,22 @@ fn plots(trade: &Trade) -> Result<Vec<Drawing>, StudyError> {
         // On a logarithmic axis nothing is zero: what f32 can tell is a millionth.
         let place = |run: &TradeRun| (run.cost, run.error.abs().max(1e-6));
         let own = trade.runs.iter().filter(|r| r.bench == index && r.error.is_finite());
-        let dots = own.map(|r| Dot { at: place(r), colour: colour(r), label: r.contender.setting() }).collect();
+        let dots = own
+            .map(|r| Dot {
+                at: place(r),
+                colour: colour(r),
+                label: r.contender.setting(),
+                ringed: r.contender == Contender::default_of_the_simulator(),
+            })
+            .collect();
         let front: Vec<(f64, f64)> = trade.front(index).into_iter().map(place).collect();
         drawings.push(draw(&Scatter {
             name: format!("{}_{}.svg", bench.case.name(), bench.tets),
             title: format!("{}, {} tets: {}", bench.case.name(), bench.tets, bench.case.answer()),
-            x: "wall time of one core a simulated second, s",
+            x: "seconds of one core for a simulated second",
             y: "error against the reference on the same mesh",
             legend: names.clone(),
+            ring: "the default",
             dots,
             line: front,
         })?);
@@ -113,7 +124,7 @@ fn plots(trade: &Trade) -> Result<Vec<Drawing>, StudyError> {
     Ok(drawings)
 }
 
-fn page(trade: &Trade, filmed: Option<&Filmed>, plots: &[Drawing]) -> String {
+fn page(trade: &Trade, refined: &[Refined], filmed: Option<&Filmed>, plots: &[Drawing]) -> String {
     let body = html! {
         p {
             "Every soft-tissue model of this program, with the settings between which one would choose, on bodies whose answer is known. Ticks of 1/60 s, one thread; "
@@ -124,13 +135,14 @@ fn page(trade: &Trade, filmed: Option<&Filmed>, plots: &[Drawing]) -> String {
         h2 { "All that were compared" }
         (summary(trade))
         h2 { "Cost and error" }
-        p { "The line joins what nothing else beats in both. Errors below a millionth are drawn there." }
+        p { "The line joins what nothing else beats in both: the front. A ring is around the simulator's default. Numbers are substeps, with the tolerance of the implicit model and the sweeps of vertex block descent. Errors below a millionth are drawn there." }
         @for d in plots { figure { img src=(d.name) alt=(d.caption); figcaption { (d.caption) } } }
         h2 { "Meshes" }
         (meshes(trade))
+        @if !refined.is_empty() { h2 { "The reference under refinement" } (refinement(refined)) }
         @if let Some(filmed) = filmed { h2 { "The filmed beam" } (filmed.markup()) }
         h2 { "Table" }
-        p { a href="trade.csv" { "trade.csv" } ": every run" @if filmed.is_some() { "; " a href="filmed.csv" { "filmed.csv" } ": the filmed beam" } "." }
+        p { a href="trade.csv" { "trade.csv" } ": every run, and whether it is on its mesh's front" @if filmed.is_some() { "; " a href="filmed.csv" { "filmed.csv" } ": the filmed beam" } "." }
         h2 { "Words" }
         dl {
             dt { "error" } dd { "the answer at rest against that of the reference on the same mesh (f64, Newton's method): what the model makes of it" }
@@ -219,4 +231,20 @@ fn meshes(trade: &Trade) -> Markup {
         })
         .collect();
     table(&["case", "tets", "answer", "reference", "truth", "error of the mesh"], &rows)
+}
+
+fn refinement(refined: &[Refined]) -> Markup {
+    let row = |r: &Refined| {
+        let closed = |i: usize| {
+            r.closed.get(i).map_or(cell("\u{2013}"), |(name, x)| cell(format!("{:+.2} % of {name}", (r.answer / x - 1.0) * 100.0)))
+        };
+        vec![cell(r.what), cell(r.elements.name()), cell(r.tets), cell(format!("{:.4}", r.answer)), closed(0), closed(1)]
+    };
+    html! {
+        p {
+            "All models but the explicit one share linear elements and the reference's equilibrium on a mesh; this is what the mesh itself is worth. Ten-node elements with the volume taken at points approach from the stiff side, with its mean over the element from the "
+            "softer one."
+        }
+        (table(&["what", "elements", "tets", "displacement of the end, mm", "closed form", "closed form with shear"], &refined.iter().map(row).collect::<Vec<_>>()))
+    }
 }
