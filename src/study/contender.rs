@@ -3,7 +3,8 @@
 use bevy_math::Vec3;
 use keyhole_tetmesh::TetMesh;
 use keyhole_tissue::{
-    Body, Constraints, Hold, MaterialError, ModelState, TeschnerSettings, TissueModel, TissueSettings, VbdSettings, XpbdSettings,
+    Body, Constraints, Hold, MaterialError, ModelState, TeschnerSettings, TimeStepping, TissueModel, TissueSettings, VbdSettings,
+    XpbdSettings,
 };
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 use std::time::Instant;
@@ -40,6 +41,10 @@ impl Contender {
     pub fn all() -> Vec<Self> {
         let mut all: Vec<Self> =
             [(1, 0.5), (1, 0.1), (1, 0.01), (2, 0.1), (4, 0.01)].map(|(n, tolerance)| Self::implicit(n, tolerance)).into();
+        let two_steps = |(n, tolerance)| Self {
+            settings: TissueSettings { stepping: TimeStepping::TwoSteps, ..Self::implicit(n, tolerance).settings },
+        };
+        all.extend([(1, 0.5), (1, 0.1), (2, 0.1)].map(two_steps));
         let own = Self::default_of_the_simulator();
         if !all.contains(&own) {
             all.push(own);
@@ -76,7 +81,10 @@ impl Contender {
     #[must_use]
     pub fn setting(&self) -> String {
         match self.settings.model {
-            TissueModel::Implicit => format!("{} to {}", self.settings.substeps, self.settings.tolerance),
+            TissueModel::Implicit => {
+                let steps = if self.settings.stepping == TimeStepping::TwoSteps { ", two steps" } else { "" };
+                format!("{} to {}{steps}", self.settings.substeps, self.settings.tolerance)
+            }
             TissueModel::Xpbd(s) => s.substeps.to_string(),
             TissueModel::Vbd(s) => format!("{} x {}", s.substeps, s.iterations),
             TissueModel::Teschner(s) => format!("{} of the limit", s.part_of_limit),

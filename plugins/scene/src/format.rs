@@ -344,7 +344,7 @@ pub struct SceneTissue {
     pub substeps: Option<u32>,
     /// The model. Default Implicit.
     pub model: SceneTissueModel,
-    /// A capsule; the model Implicit does not have it. Default none.
+    /// A capsule. Default none.
     pub capsule: Option<SceneCapsule>,
     /// Whether the organs' meshes are the shapes in which gravity and what holds them rigidly have left them, as in a scan: the rest shape is then the one that
     /// hangs so. Found when the scene starts, in seconds to a minute an organ. Default no.

@@ -8,7 +8,7 @@ use divan::Bencher;
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_tissue::adopt::adopt;
 use keyhole_tissue::beam::{GRAVITY, REFERENCE, beam, beam_material, clamp, fix, tip_mm};
-use keyhole_tissue::{Body, Hold, ModelState, Momentum, TissueModel, TissueSettings, XpbdSettings};
+use keyhole_tissue::{Body, Hold, ModelState, Momentum, TimeStepping, TissueModel, TissueSettings, XpbdSettings};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
@@ -37,9 +37,11 @@ fn main() {
         let way = pool(2).install(|| scene.way(&exact, 60));
         println!("\n{} tets", scene.mesh.tet_count());
         let implicit = |substeps, tolerance| TissueSettings { substeps, tolerance, ..Default::default() };
+        let two_steps = |substeps| TissueSettings { stepping: TimeStepping::TwoSteps, ..implicit(substeps, 0.1) };
         let xpbd =
             |substeps| TissueSettings { model: TissueModel::Xpbd(XpbdSettings { substeps, ..Default::default() }), ..Default::default() };
-        for settings in [implicit(1, 0.5), implicit(1, 0.1), implicit(1, 0.01), implicit(2, 0.1), implicit(4, 0.01), xpbd(10), xpbd(40)] {
+        let all = [implicit(1, 0.5), implicit(1, 0.1), implicit(1, 0.01), implicit(2, 0.1), implicit(4, 0.01), two_steps(1), two_steps(2)];
+        for settings in all.into_iter().chain([xpbd(10), xpbd(40)]) {
             scene.report(&settings, reference, &way);
         }
     }
@@ -138,6 +140,7 @@ impl Scene {
         let away = self.way(settings, 60).iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / -reference * 100.0;
         let name = match settings.model {
             TissueModel::Xpbd(own) => format!("xpbd x {}", own.substeps),
+            _ if settings.stepping == TimeStepping::TwoSteps => format!("two steps x {} to {}", settings.substeps, settings.tolerance),
             other => format!("{} x {} to {}", other.name(), settings.substeps, settings.tolerance),
         };
         println!(

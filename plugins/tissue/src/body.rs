@@ -7,6 +7,7 @@ use crate::hold::Hold;
 use crate::implicit;
 use crate::implicit::Implicit;
 use crate::material::{MaterialError, NeoHookean};
+use crate::membrane::Membrane;
 use crate::settings::TissueSettings;
 use crate::sleep::Sleep;
 use bevy_math::{DVec3, Vec3, Vec3A};
@@ -132,10 +133,23 @@ impl Body {
 
     /// Steps the body over one tick of `dt` s under gravity (m/s2) by [`crate::implicit`], unless it sleeps; for all models see [`crate::ModelState::step`]. Nothing here looks whether the result is finite: see [`crate::Guard`].
     pub fn step(&mut self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+        self.step_with(None, state, holds, gravity, dt, settings);
+    }
+
+    /// The same with a capsule.
+    pub fn step_with(
+        &mut self,
+        membrane: Option<&Membrane>,
+        state: &mut TissueState,
+        holds: &[Hold],
+        gravity: Vec3,
+        dt: f32,
+        settings: &TissueSettings,
+    ) {
         if self.is_asleep(state, holds, gravity) {
             return;
         }
-        implicit::step(self, state, holds, gravity, dt, settings);
+        implicit::step(self, membrane, state, holds, gravity, dt, settings);
         if settings.sleep {
             let mass = self.masses.iter().map(|m| f64::from(*m)).sum();
             let (kinetic, size) = (self.kinetic_energy(state), self.size(mass));
@@ -170,6 +184,12 @@ impl Body {
     #[must_use]
     pub fn solver_report(&self) -> (u32, u32) {
         (self.implicit.newton.iterations, self.implicit.careful)
+    }
+
+    /// Number of small and of large clusters of nodes of the implicit solver: the work of a step that is not in proportion to the mesh grows with the latter.
+    #[must_use]
+    pub fn solver_clusters(&self) -> (usize, usize) {
+        self.implicit.newton.clusters.count()
     }
 
     /// Edges of the elements.

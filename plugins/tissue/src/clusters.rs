@@ -2,11 +2,12 @@
 //!
 //! Nodes are in small clusters, small clusters in large ones. A topology change looks at the clusters of the nodes it touched and at
 //! nothing else: a new node joins the cluster of the node it comes from, a cluster whose nodes no longer hang together is taken apart, so
-//! that no coarse motion reaches across a cut, and one that grew is halved.
+//! that no coarse motion reaches across a cut, one that grew is halved, and one that has become small joins another that it hangs together with.
 
 use crate::rows::Rows;
 use bevy_math::DVec3;
 use keyhole_tetmesh::{NodeEdit, NodeId, TetMesh};
+use rayon::prelude::*;
 
 /// Nodes of a small cluster: most, when it is made. One that grows beyond twice as many is halved.
 const SMALL: usize = 12;
@@ -19,6 +20,9 @@ const MOST_LARGE: usize = 36;
 
 /// Large clusters of fewer small ones than this are not split off a large one when it comes apart.
 const LEAST_PIECE: usize = 4;
+
+/// A cluster of less than one in so many of the nodes that one has when it is made joins another.
+const FEW: usize = 3;
 
 /// In no cluster.
 pub(crate) const NONE: u32 = u32::MAX;
@@ -43,21 +47,25 @@ impl Clusters {
     pub(crate) fn new(mesh: &TetMesh, rows: &Rows) -> Self {
         let mut clusters = Self { of_node: vec![NONE; mesh.node_slots()], ..Self::default() };
         let mut nodes: Vec<u32> = mesh.nodes().filter(|n| !rows.neighbours(n.index()).is_empty()).map(|n| n.0).collect();
-        let large = LARGE.max(nodes.len().div_ceil(MOST_LARGE));
-        let rest = |n: u32| mesh.rest(NodeId(n));
-        for block in bisect(&mut nodes, large, &|n| point(rest(n))) {
-            for block in parts(block, |n| rows.neighbours(n as usize)) {
-                let parent = clusters.children.len() as u32;
-                clusters.children.push(Vec::new());
-                let mut block = block;
-                for small in bisect(&mut block, SMALL, &|n| point(rest(n))) {
-                    for piece in parts(small, |n| rows.neighbours(n as usize)) {
-                        clusters.add(piece, parent);
-                    }
-                }
+        let large = large_size(nodes.len());
+        let at = |n: u32| point(mesh.rest(NodeId(n)));
+        let beside = |n: u32| rows.neighbours(n as usize);
+        let small = |mut block: Vec<u32>| bisect(&mut block, SMALL, &at).into_iter().flat_map(|small| parts(small, beside)).collect();
+        let within = |block: Vec<u32>| parts(block, beside).into_iter().map(small).collect::<Vec<Vec<Vec<u32>>>>();
+        let blocks: Vec<Vec<Vec<Vec<u32>>>> = bisect(&mut nodes, large, &at).into_par_iter().map(within).collect();
+        for pieces in blocks.into_iter().flatten() {
+            let parent = clusters.children.len() as u32;
+            clusters.children.push(Vec::new());
+            for piece in pieces {
+                clusters.add(piece, parent);
             }
         }
         clusters
+    }
+
+    /// Number of small and of large clusters.
+    pub(crate) fn count(&self) -> (usize, usize) {
+        (self.nodes.iter().filter(|n| !n.is_empty()).count(), self.children.iter().filter(|c| !c.is_empty()).count())
     }
 
     /// Large cluster of a node.
@@ -107,18 +115,86 @@ impl Clusters {
         smalls.dedup();
         smalls.retain(|c| *c != NONE);
         let mut larges: Vec<u32> = smalls.iter().map(|c| self.parent[*c as usize]).collect();
+        for at in 0..smalls.len() {
+            self.mend_small(smalls[at], mesh, rows, &mut smalls);
+        }
         for small in smalls {
-            self.mend_small(small, mesh, rows);
+            self.join_small(small, rows, &mut larges);
         }
         larges.sort_unstable();
         larges.dedup();
+        for at in 0..larges.len() {
+            self.mend_large(larges[at], rows, &mut larges);
+        }
+        let size = large_size(self.of_node.iter().filter(|c| **c != NONE).count());
         for large in larges {
-            self.mend_large(large, rows);
+            self.join_large(large, size, rows);
+        }
+        self.close_up();
+    }
+
+    /// Takes a cluster's nodes over by one beside it that has room for them, if they have become few.
+    fn join_small(&mut self, small: u32, rows: &Rows, larges: &mut Vec<u32>) {
+        let own = self.nodes[small as usize].len();
+        if own == 0 || own * FEW >= SMALL {
+            return;
+        }
+        let parent = self.parent[small as usize];
+        let fits = |c: &u32| own + self.nodes[*c as usize].len() <= 2 * SMALL;
+        let apart = |c: u32| self.parent[c as usize] != parent;
+        let best = self.beside(small, rows).into_iter().filter(fits).min_by_key(|c| (apart(*c), self.nodes[*c as usize].len(), *c));
+        let Some(to) = best else { return };
+        let members = std::mem::take(&mut self.nodes[small as usize]);
+        for n in members {
+            self.put(n, to);
+        }
+        self.children[parent as usize].retain(|c| *c != small);
+        self.unused.push(small);
+        // What hung together by it may not any more.
+        larges.extend([parent, self.parent[to as usize]]);
+    }
+
+    /// The same for a large cluster, where one has `size` nodes when it is made.
+    fn join_large(&mut self, large: u32, size: usize, rows: &Rows) {
+        let nodes = |l: u32| self.children[l as usize].iter().map(|c| self.nodes[*c as usize].len()).sum::<usize>();
+        let own = nodes(large);
+        if own == 0 || own * FEW >= size {
+            return;
+        }
+        let mut near: Vec<u32> = self.children[large as usize].iter().flat_map(|c| self.beside(*c, rows)).collect();
+        near.iter_mut().for_each(|c| *c = self.parent[*c as usize]);
+        near.sort_unstable();
+        near.dedup();
+        let best = near.into_iter().filter(|l| *l != large && own + nodes(*l) <= 2 * size).min_by_key(|l| (nodes(*l), *l));
+        let Some(to) = best else { return };
+        for c in std::mem::take(&mut self.children[large as usize]) {
+            self.parent[c as usize] = to;
+            self.children[to as usize].push(c);
+        }
+        self.children[to as usize].sort_unstable();
+    }
+
+    /// Leaves no large cluster empty: each has its rows in the dense matrix.
+    fn close_up(&mut self) {
+        while let Some(at) = self.children.iter().position(Vec::is_empty) {
+            self.children.swap_remove(at);
+            for c in self.children.get(at).into_iter().flatten() {
+                self.parent[*c as usize] = at as u32;
+            }
         }
     }
 
-    /// Halves a small cluster that grew and takes one apart that no longer hangs together.
-    fn mend_small(&mut self, small: u32, mesh: &TetMesh, rows: &Rows) {
+    /// The small clusters that share a tetrahedron with this one, ascending.
+    fn beside(&self, small: u32, rows: &Rows) -> Vec<u32> {
+        let around = self.nodes[small as usize].iter().flat_map(|n| rows.neighbours(*n as usize));
+        let mut found: Vec<u32> = around.map(|n| self.of_node[*n as usize]).filter(|o| *o != small && *o != NONE).collect();
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// Halves a small cluster that grew and takes one apart that no longer hangs together; `made` gets what it was made into.
+    fn mend_small(&mut self, small: u32, mesh: &TetMesh, rows: &Rows, made: &mut Vec<u32>) {
         let mut members = std::mem::take(&mut self.nodes[small as usize]);
         let parent = self.parent[small as usize];
         let limit = if members.len() > 2 * SMALL { SMALL } else { members.len().max(1) };
@@ -135,25 +211,14 @@ impl Clusters {
             }
         }
         for piece in pieces {
-            self.add(piece, parent);
+            made.push(self.add(piece, parent));
         }
     }
 
-    /// Takes a large cluster apart that no longer hangs together.
-    fn mend_large(&mut self, large: u32, rows: &Rows) {
+    /// Takes a large cluster apart that no longer hangs together; `made` gets what it was made into.
+    fn mend_large(&mut self, large: u32, rows: &Rows, made: &mut Vec<u32>) {
         let members = self.children[large as usize].clone();
-        let beside = |c: u32| -> Vec<u32> {
-            let mut found: Vec<u32> = self.nodes[c as usize]
-                .iter()
-                .flat_map(|n| rows.neighbours(*n as usize))
-                .map(|n| self.of_node[*n as usize])
-                .filter(|o| *o != c && *o != NONE)
-                .collect();
-            found.sort_unstable();
-            found.dedup();
-            found
-        };
-        let near: rustc_hash::FxHashMap<u32, Vec<u32>> = members.iter().map(|c| (*c, beside(*c))).collect();
+        let near: rustc_hash::FxHashMap<u32, Vec<u32>> = members.iter().map(|c| (*c, self.beside(*c, rows))).collect();
         let mut pieces = parts(members, |c| near.get(&c).map_or(&[], Vec::as_slice));
         // The largest stays.
         pieces.sort_by_key(|p| std::cmp::Reverse(p.len()));
@@ -163,6 +228,7 @@ impl Clusters {
                 Some(other) if piece.len() < LEAST_PIECE => other,
                 _ => self.empty_large(),
             };
+            made.push(to);
             for c in piece {
                 self.children[large as usize].retain(|o| *o != c);
                 self.parent[c as usize] = to;
@@ -181,7 +247,7 @@ impl Clusters {
         at as u32
     }
 
-    fn add(&mut self, members: Vec<u32>, parent: u32) {
+    fn add(&mut self, members: Vec<u32>, parent: u32) -> u32 {
         let small = self.unused.pop().unwrap_or_else(|| {
             self.nodes.push(Vec::new());
             self.parent.push(parent);
@@ -190,6 +256,7 @@ impl Clusters {
         self.parent[small as usize] = parent;
         self.children[parent as usize].push(small);
         self.fill(small, members);
+        small
     }
 
     fn fill(&mut self, small: u32, members: Vec<u32>) {
@@ -221,12 +288,17 @@ impl Clusters {
     }
 }
 
+/// Nodes of a large cluster of a body of so many: most, when it is made.
+fn large_size(nodes: usize) -> usize {
+    LARGE.max(nodes.div_ceil(MOST_LARGE))
+}
+
 fn point(p: keyhole_tetmesh::DVec3) -> DVec3 {
     DVec3::new(p.x, p.y, p.z)
 }
 
 /// Halves a list across its longest extent until no part is longer than `most`; every part ascending.
-fn bisect(list: &mut [u32], most: usize, at: &dyn Fn(u32) -> DVec3) -> Vec<Vec<u32>> {
+fn bisect(list: &mut [u32], most: usize, at: &impl Fn(u32) -> DVec3) -> Vec<Vec<u32>> {
     if list.is_empty() {
         return Vec::new();
     }

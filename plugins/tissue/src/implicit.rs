@@ -1,13 +1,18 @@
-//! Two stages of an implicit Runge-Kutta method a substep, each by Newton's method and conjugate gradients.
+//! Implicit steps of second order, each stage of them by Newton's method and conjugate gradients.
 //!
-//! The method is the one of second order whose stages are all as implicit as each other and that damps what is too fast for the substep entirely (Alexander
-//! 1977, doi 10.1137/0714068): with `h` the substep, `c = 1 - 1/sqrt 2`, `f` the elastic force, `M` the masses and `b` the time of viscosity,
+//! Two methods of second order, both as implicit as can be in every stage, so that what is too fast for the substep is damped entirely. With `h` the substep,
+//! `f` the elastic force, `M` the masses, `b` the time of viscosity, `d` the rate of drag, a stage of length `l` finds `V` and `A` such that
 //!
-//! `V = v' + c h A`, `M A = f(x' + (c h + b) V) + M g`,
+//! `V = v' + l A`, `M A = f(x' + (l + b) V) + M g - d M V`.
 //!
-//! first from `x' = x`, `v' = v`, then, with the `V1` and `A1` that this gave, from `x' = x + (1 - c) h V1`, `v' = v + (1 - c) h A1`. The substep ends at
-//! `x' + c h V` with `V`. A stage is the minimum of `M |X - y|^2 / 2 c h (c h + b) + E(X)` with `y = x' + (c h + b) (v' + c h g)`, to which one
-//! step of [`crate::newton`] goes nearly all the way. What follows:
+//! - [`TimeStepping::TwoStages`] (Alexander 1977, doi 10.1137/0714068): `l = c h`, `c = 1 - 1/sqrt 2`, first from `x' = x`, `v' = v`, then, with the `V1` and
+//!   `A1` that this gave, from `x' = x + (1 - c) h V1`, `v' = v + (1 - c) h A1`.
+//! - [`TimeStepping::TwoSteps`], the backward differentiation formula (Curtiss, Hirschfelder 1952, doi 10.1073/pnas.38.3.235): `l = 2 h / 3`, once, from
+//!   `x' = x + (x - x0) / 3`, `v' = v + (v - v0) / 3` where `x0`, `v0` was the state a substep before. Half the work; its error is larger, and a substep whose
+//!   past is not known, as after a cut, is one of two stages.
+//!
+//! The substep ends at `x' + l V` with `V`. A stage is the minimum of `(1 + l d) M |X - y|^2 / 2 l (l + b) + E(X)` with
+//! `y = x' + (l + b) (v' + l g) / (1 + l d)`, to which one step of [`crate::newton`] goes nearly all the way. What follows:
 //!
 //! - Where nothing moves `f + M g = 0`: the equilibrium is that of the mesh, whatever the substep, the tolerance and the iterations.
 //! - Motion is right to the second order of `h`; linear momentum is kept and free fall is exact.
@@ -20,9 +25,10 @@
 use crate::body::Body;
 use crate::gradients::{Spring, Stop};
 use crate::hold::Hold;
-use crate::newton::{Astray, Care, Newton, TANGLED};
+use crate::membrane::Membrane;
+use crate::newton::{Astray, Care, Newton, TANGLED, Tangent, Tissue};
 use crate::rescue;
-use crate::settings::TissueSettings;
+use crate::settings::{TimeStepping, TissueSettings};
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_whiteboard::{TissuePoint, TissueState};
 use std::f32::consts::FRAC_1_SQRT_2;
@@ -46,18 +52,41 @@ const ASTRAY_S: f32 = 0.5;
 #[derive(Clone, Debug, Default)]
 pub struct Implicit {
     pub(crate) newton: Newton,
-    /// `V1` of the substep, m/s.
-    first: Vec<Vec3A>,
+    /// `x'` and `v'` of the stage, m and m/s.
+    from: Vec<Vec3A>,
+    with: Vec<Vec3A>,
     /// `V` of the stage, m/s.
     velocity: Vec<Vec3A>,
+    past: Past,
     /// Fixed nodes and where they were when the tick began, m.
     starts: Vec<(usize, Vec3)>,
     /// Substeps of the last tick that had to be done carefully.
     pub(crate) careful: u32,
     /// For how long it has needed care, s.
     astray_s: f32,
-    /// Positions and velocities to go back to.
-    kept: (Vec<Vec3>, Vec<Vec3>),
+    /// What to go back to.
+    kept: TissueState,
+}
+
+/// The state a substep ago and the one that it led to, by which it is known whether that still is the state.
+#[derive(Clone, Debug, Default)]
+struct Past {
+    /// Length of that substep, s; zero when nothing is known.
+    h: f32,
+    before: TissueState,
+    after: TissueState,
+}
+
+impl Past {
+    /// Whether this is the state a substep of this length led to.
+    fn leads_to(&self, state: &TissueState, h: f32) -> bool {
+        self.h == h && self.after.positions == state.positions && self.after.velocities == state.velocities
+    }
+
+    fn bytes(&self) -> usize {
+        let of = |s: &TissueState| (s.positions.capacity() + s.velocities.capacity()) * size_of::<Vec3>();
+        of(&self.before) + of(&self.after)
+    }
 }
 
 /// The numbers of a substep.
@@ -74,18 +103,19 @@ struct Step {
 /// The numbers of a stage.
 #[derive(Clone, Copy, Debug)]
 struct Stage {
-    /// `c h`, s.
+    /// `l`, s.
     length: f32,
-    /// `c h + b`, s.
+    /// `l + b`, s.
     reach: f32,
-    /// `(1 - c) h` when a stage went before, else zero, s.
+    /// From the beginning of the substep to where the stage begins, s.
     before: f32,
+    /// `l d`.
+    drag: f32,
 }
 
 impl Stage {
-    /// `x'` and `v'` of a node that was at `x` with `v`, where the stage before had `first`.
-    fn base(&self, x: Vec3A, v: Vec3A, first: Vec3A) -> (Vec3A, Vec3A) {
-        if self.before > 0.0 { (x + first * self.before, v + (first - v) * (self.before / self.length)) } else { (x, v) }
+    fn new(length: f32, before: f32, settings: &TissueSettings) -> Self {
+        Self { length, reach: length + settings.viscosity_s, before, drag: length * settings.drag_1_s }
     }
 }
 
@@ -93,24 +123,33 @@ impl Implicit {
     /// Bytes of all arrays.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.newton.bytes() + 16 * (self.first.capacity() + self.velocity.capacity())
+        self.newton.bytes() + 16 * (self.from.capacity() + self.with.capacity() + self.velocity.capacity()) + self.past.bytes()
     }
 }
 
 /// Steps a body over one tick of `dt` s under gravity (m/s2).
-pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+pub fn step(
+    body: &mut Body,
+    membrane: Option<&Membrane>,
+    state: &mut TissueState,
+    holds: &[Hold],
+    gravity: Vec3,
+    dt: f32,
+    settings: &TissueSettings,
+) {
     let mut solver = std::mem::take(&mut body.implicit);
     let nodes = state.positions.len();
     solver.newton.resize(nodes);
-    solver.first.resize(nodes, Vec3A::ZERO);
-    solver.velocity.resize(nodes, Vec3A::ZERO);
+    for v in [&mut solver.from, &mut solver.with, &mut solver.velocity] {
+        v.resize(nodes, Vec3A::ZERO);
+    }
     (solver.newton.iterations, solver.careful) = (0, 0);
     let n = settings.substeps.max(1);
     solver.starts.clear();
     solver.starts.extend(holds.iter().filter_map(|d| d.fixes().map(|i| (i, state.positions[i]))));
     if solver.astray_s > ASTRAY_S {
         rescue::step(body, state, holds, gravity, dt, settings.drag_1_s);
-        (solver.careful, solver.astray_s) = (1, 0.0);
+        (solver.careful, solver.astray_s, solver.past.h) = (1, 0.0, 0.0);
         body.implicit = solver;
         return;
     }
@@ -118,17 +157,20 @@ pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: V
     rayon::scope(|_| {
         for substep in 0..n {
             let step = Step { h: dt / n as f32, gravity, end: (substep + 1) as f32 / n as f32, share: 1.0 / n as f32 };
-            match solver.substep(body, state, holds, step, settings) {
+            let tissue = Tissue { body, membrane };
+            match solver.substep(tissue, state, holds, step, settings) {
                 Ok(()) => {}
                 // Where it would go may be tangled where it is not: then it goes carefully.
                 Err(Astray::Tangled) if substep == 0 && rescue::is_tangled(body, state, TANGLED) => {
                     solver.careful += 1;
+                    solver.past.h = 0.0;
                     rescue::step(body, state, holds, gravity, dt, settings.drag_1_s);
                     break;
                 }
                 Err(_) => {
                     solver.careful += 1;
-                    solver.careful_substep(body, state, holds, step, settings);
+                    solver.past.h = 0.0;
+                    solver.careful_substep(tissue, state, holds, step, settings);
                 }
             }
         }
@@ -140,98 +182,124 @@ pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: V
 impl Implicit {
     fn substep(
         &mut self,
-        body: &Body,
+        tissue: Tissue<'_>,
         state: &mut TissueState,
         holds: &[Hold],
         step: Step,
         settings: &TissueSettings,
     ) -> Result<(), Astray> {
-        let length = STAGE * step.h;
-        self.newton.rounds = 0;
-        let first = Stage { length, reach: length + settings.viscosity_s, before: 0.0 };
-        self.stage(body, state, holds, step, first, settings, Care::Usual)?;
-        std::mem::swap(&mut self.first, &mut self.velocity);
-        let second = Stage { before: step.h - length, ..first };
-        self.stage(body, state, holds, step, second, settings, Care::Usual)?;
-        // What took one step of Newton's method each is as it should be.
-        let doubtful = self.newton.rounds > 1 && holds.iter().all(|hold| hold.from == hold.to);
-        if doubtful {
-            self.kept.0.clone_from(&state.positions);
-            self.kept.1.clone_from(&state.velocities);
+        if settings.stepping == TimeStepping::TwoSteps && self.past.leads_to(state, step.h) {
+            let stage = Stage::new(step.h * (2.0 / 3.0), step.h / 3.0, settings);
+            self.begin(state);
+            for (i, (from, with)) in self.from.iter_mut().zip(&mut self.with).enumerate() {
+                *from += (*from - Vec3A::from(self.past.before.positions[i])) / 3.0;
+                *with += (*with - Vec3A::from(self.past.before.velocities[i])) / 3.0;
+            }
+            self.stage(tissue, state, holds, step, stage, settings, Care::Usual, Tangent::Own)?;
+            let doubtful = self.newton.rounds > 1;
+            return self.finish_unless_gained(tissue, state, holds, step, stage, settings, doubtful);
         }
-        self.finish(body, state, holds, step, second, settings);
-        if doubtful && self.has_gained(body, state, step) {
-            state.positions.clone_from(&self.kept.0);
-            state.velocities.clone_from(&self.kept.1);
+        let length = STAGE * step.h;
+        let first = Stage::new(length, 0.0, settings);
+        self.begin(state);
+        self.stage(tissue, state, holds, step, first, settings, Care::Usual, Tangent::Own)?;
+        // Where one step was enough the tangent hardly changes.
+        let hard = self.newton.rounds > 1;
+        let kept = if hard { Tangent::Own } else { Tangent::Kept };
+        let second = Stage { before: step.h - length, ..first };
+        for ((from, with), first) in self.from.iter_mut().zip(&mut self.with).zip(&self.velocity) {
+            *from += *first * second.before;
+            *with += (*first - *with) * (second.before / length);
+        }
+        self.stage(tissue, state, holds, step, second, settings, Care::Usual, kept)?;
+        let doubtful = hard || self.newton.rounds > 1;
+        self.finish_unless_gained(tissue, state, holds, step, second, settings, doubtful)
+    }
+
+    /// Ends a substep; one that is in doubt is taken back when it gave the body energy. What took one step of Newton's method a stage is not in doubt.
+    fn finish_unless_gained(
+        &mut self,
+        tissue: Tissue<'_>,
+        state: &mut TissueState,
+        holds: &[Hold],
+        step: Step,
+        last: Stage,
+        settings: &TissueSettings,
+        doubtful: bool,
+    ) -> Result<(), Astray> {
+        // What is moved is given energy.
+        let doubtful = doubtful && holds.iter().all(|hold| hold.from == hold.to);
+        if doubtful {
+            self.kept.clone_from(state);
+        }
+        self.finish(state, holds, step, last, settings);
+        if doubtful && has_gained(tissue, &self.kept, state, step) {
+            state.clone_from(&self.kept);
             return Err(Astray::Wild);
         }
         Ok(())
     }
 
-    /// Whether the body has more energy than it had, and than its weight has given it by falling: nothing that stands still gives it any.
-    fn has_gained(&self, body: &Body, state: &TissueState, step: Step) -> bool {
-        let (positions, velocities) = &self.kept;
-        let before = TissueState { positions: positions.clone(), velocities: velocities.clone() };
-        let energy = |state: &TissueState| body.kinetic_energy(state) + body.elastic_energy(state);
-        let fallen = |(m, (x, b)): (&f32, (&Vec3, &Vec3))| f64::from(*m) * f64::from((*x - *b).dot(step.gravity));
-        let work: f64 = body.masses.iter().zip(state.positions.iter().zip(positions)).filter(|(m, _)| **m > 0.0).map(fallen).sum();
-        let had = energy(&before);
-        energy(state) > had + work + GAIN * (had + work.abs())
+    /// Backward Euler, downhill.
+    fn careful_substep(&mut self, tissue: Tissue<'_>, state: &mut TissueState, holds: &[Hold], step: Step, settings: &TissueSettings) {
+        let whole = Stage { reach: step.h, ..Stage::new(step.h, 0.0, settings) };
+        self.begin(state);
+        // From where it is: going downhill needs a state that is no worse.
+        self.velocity.fill(Vec3A::ZERO);
+        // Going downhill finds no fault.
+        let _ = self.stage(tissue, state, holds, step, whole, settings, Care::Downhill, Tangent::Own);
+        self.finish(state, holds, step, whole, settings);
+        self.past.h = 0.0;
     }
 
-    /// Backward Euler, downhill.
-    fn careful_substep(&mut self, body: &Body, state: &mut TissueState, holds: &[Hold], step: Step, settings: &TissueSettings) {
-        let whole = Stage { length: step.h, reach: step.h, before: 0.0 };
-        // Going downhill finds no fault.
-        let _ = self.stage(body, state, holds, step, whole, settings, Care::Downhill);
-        self.finish(body, state, holds, step, whole, settings);
+    /// Sets a stage to begin where the substep does, and to be looked for where the velocities lead.
+    fn begin(&mut self, state: &TissueState) {
+        for (i, (x, v)) in state.positions.iter().zip(&state.velocities).enumerate() {
+            self.from[i] = (*x).into();
+            (self.with[i], self.velocity[i]) = ((*v).into(), (*v).into());
+        }
     }
 
     /// Finds the velocities of a stage.
     fn stage(
         &mut self,
-        body: &Body,
+        tissue: Tissue<'_>,
         state: &TissueState,
         holds: &[Hold],
         step: Step,
         stage: Stage,
         settings: &TissueSettings,
         care: Care,
+        tangent: Tangent,
     ) -> Result<(), Astray> {
-        let inertia = 1.0 / (stage.length * stage.reach);
+        let inertia = (1.0 + stage.drag) / (stage.length * stage.reach);
         let fall = Vec3A::from(step.gravity) * stage.length;
+        // Drag takes nothing of the mean velocity of a body that nothing holds.
+        let drift = if holds.is_empty() { mean(tissue.body, &self.with) + fall } else { Vec3A::ZERO };
         let newton = &mut self.newton;
         for i in 0..newton.x.len() {
-            let (x, v) = (Vec3A::from(state.positions[i]), Vec3A::from(state.velocities[i]));
-            let (from, with) = stage.base(x, v, self.first[i]);
-            newton.free[i] = body.masses[i] > 0.0;
-            newton.added[i] = body.masses[i] * inertia;
-            newton.target[i] = from + (with + fall) * stage.reach;
-            newton.x[i] = match care {
-                Care::Usual if stage.before > 0.0 => from + self.first[i] * stage.reach,
-                Care::Usual => from + v * stage.reach,
-                Care::Downhill => from,
-            };
+            let from = self.from[i];
+            newton.free[i] = tissue.body.masses[i] > 0.0;
+            newton.added[i] = tissue.body.masses[i] * inertia;
+            newton.target[i] = from + (self.with[i] + fall + drift * stage.drag) * (stage.reach / (1.0 + stage.drag));
+            newton.x[i] = from + self.velocity[i] * stage.reach;
         }
         for (i, velocity) in driven(holds, &self.starts, state, step) {
             newton.free[i] = false;
             newton.x[i] = Vec3A::from(state.positions[i] + velocity * (stage.before + stage.reach));
         }
-        attach(newton, holds, step, stage);
+        attach(newton, tissue.membrane, holds, step, stage);
 
-        let mass: f64 = body.masses.iter().map(|m| f64::from(*m)).sum();
-        let least = mass * f64::from(inertia) * (FINE * body.size(mass)).powi(2);
-        newton.solve(body, inertia, care, Stop { tolerance: settings.tolerance, least, iterations: settings.iterations })?;
+        let mass: f64 = tissue.body.masses.iter().map(|m| f64::from(*m)).sum();
+        let least = mass * f64::from(inertia) * (FINE * tissue.body.size(mass)).powi(2);
+        newton.solve(tissue, inertia, care, tangent, Stop { tolerance: settings.tolerance, least, iterations: settings.iterations })?;
 
-        for (i, velocity) in self.velocity.iter_mut().enumerate() {
-            let (from, _) = stage.base(state.positions[i].into(), state.velocities[i].into(), self.first[i]);
-            *velocity = (self.newton.x[i] - from) / stage.reach;
+        for ((velocity, x), from) in self.velocity.iter_mut().zip(&newton.x).zip(&self.from) {
+            *velocity = (*x - *from) / stage.reach;
         }
         if holds.is_empty() {
             // A body that nothing holds falls freely: what rounding makes of its momentum is taken off.
-            let start = |i: usize| Vec3::from(stage.base(state.positions[i].into(), state.velocities[i].into(), self.first[i]).1);
-            let expected = mean(body, (0..self.velocity.len()).map(start)) + step.gravity * stage.length;
-            let off = Vec3A::from(expected - mean(body, self.velocity.iter().map(|v| Vec3::from(*v))));
+            let off = drift - mean(tissue.body, &self.velocity);
             for v in &mut self.velocity {
                 *v += off;
             }
@@ -240,23 +308,41 @@ impl Implicit {
     }
 
     /// Ends a substep with the velocities of its last stage.
-    fn finish(&mut self, body: &Body, state: &mut TissueState, holds: &[Hold], step: Step, last: Stage, settings: &TissueSettings) {
-        let decay = (-settings.drag_1_s * step.h).exp();
-        // Drag takes nothing of the mean velocity of a body that nothing holds.
-        let drift = if holds.is_empty() { mean(body, self.velocity.iter().map(|v| Vec3::from(*v))) } else { Vec3::ZERO };
+    fn finish(&mut self, state: &mut TissueState, holds: &[Hold], step: Step, last: Stage, settings: &TissueSettings) {
         for (i, velocity) in driven(holds, &self.starts, state, step) {
             self.velocity[i] = Vec3A::from(velocity);
         }
+        let remember = settings.stepping == TimeStepping::TwoSteps;
+        if remember {
+            self.past.before.clone_from(state);
+        }
         for (i, (x, v)) in state.positions.iter_mut().zip(&mut state.velocities).enumerate().filter(|(i, _)| self.newton.free[*i]) {
-            let (from, _) = last.base((*x).into(), (*v).into(), self.first[i]);
-            *x = Vec3::from(from + self.velocity[i] * last.length);
-            *v = drift + (Vec3::from(self.velocity[i]) - drift) * decay;
+            *x = Vec3::from(self.from[i] + self.velocity[i] * last.length);
+            *v = self.velocity[i].into();
         }
         for (hold, (i, start)) in holds.iter().filter(|d| d.fixes().is_some()).zip(&self.starts) {
             state.velocities[*i] = self.velocity[*i].into();
             state.positions[*i] = start.lerp(hold.to, step.end);
         }
+        if remember {
+            self.past.after.clone_from(state);
+            self.past.h = step.h;
+        }
     }
+}
+
+/// Whether a body has more energy than it had before, and than its weight has given it by falling: nothing that stands still gives it any.
+fn has_gained(tissue: Tissue<'_>, before: &TissueState, state: &TissueState, step: Step) -> bool {
+    let body = tissue.body;
+    let energy = |state: &TissueState| {
+        let at = |m: &Membrane| m.energy(&state.positions.iter().map(|x| x.as_dvec3()).collect::<Vec<_>>());
+        body.kinetic_energy(state) + body.elastic_energy(state) + tissue.membrane.map_or(0.0, at)
+    };
+    let fallen = |(m, (x, b)): (&f32, (&Vec3, &Vec3))| f64::from(*m) * f64::from((*x - *b).dot(step.gravity));
+    let moved = state.positions.iter().zip(&before.positions);
+    let work: f64 = body.masses.iter().zip(moved).filter(|(m, _)| **m > 0.0).map(fallen).sum();
+    let had = energy(before);
+    energy(state) > had + work + GAIN * (had + work.abs())
 }
 
 /// The nodes that holds fix, and the velocities that take them to where they belong at the end of a substep, m/s.
@@ -271,11 +357,12 @@ fn driven<'a>(
 }
 
 /// Turns holds with compliance or several nodes into springs.
-fn attach(newton: &mut Newton, holds: &[Hold], step: Step, stage: Stage) {
+fn attach(newton: &mut Newton, membrane: Option<&Membrane>, holds: &[Hold], step: Step, stage: Stage) {
     newton.springs.clear();
     for hold in holds.iter().filter(|d| d.fixes().is_none()) {
         let point: TissuePoint = hold.point.clone();
-        let around: f32 = point.iter().map(|(n, w)| w.abs() * (newton.rows.stiffness(n.index()) + newton.added[n.index()])).sum();
+        let tissue = |n: usize| newton.rows.stiffness(n) + membrane.map_or(0.0, |m| m.stiffness(n));
+        let around: f32 = point.iter().map(|(n, w)| w.abs() * (tissue(n.index()) + newton.added[n.index()])).sum();
         let compliance = hold.compliance_m_n.max(0.0);
         let stiffness = if compliance * STIFF * around > 1.0 { 1.0 / compliance } else { STIFF * around };
         for (n, w) in &point {
@@ -290,11 +377,11 @@ fn attach(newton: &mut Newton, holds: &[Hold], step: Step, stage: Stage) {
 }
 
 /// Velocity of the centre of mass where the nodes have these velocities, m/s.
-fn mean(body: &Body, velocities: impl Iterator<Item = Vec3>) -> Vec3 {
+fn mean(body: &Body, velocities: &[Vec3A]) -> Vec3A {
     let (mut momentum, mut mass) = (DVec3::ZERO, 0.0);
     for (m, v) in body.masses.iter().zip(velocities).filter(|(m, _)| **m > 0.0) {
         momentum += v.as_dvec3() * f64::from(*m);
         mass += f64::from(*m);
     }
-    if mass > 0.0 { (momentum / mass).as_vec3() } else { Vec3::ZERO }
+    if mass > 0.0 { (momentum / mass).as_vec3a() } else { Vec3A::ZERO }
 }

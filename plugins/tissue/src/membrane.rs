@@ -61,6 +61,19 @@ struct Strain {
     opposite: [DVec3; 3],
 }
 
+/// Largest tension in multiples of the shear modulus for which the tangent is exact.
+const MOST: f64 = 5.0;
+
+/// What a triangle has for the row of one of its nodes.
+pub(crate) struct TriangleRow {
+    /// N.
+    pub force: DVec3,
+    /// That for which the tangent is the tangent under a rotation, N.
+    pub turned: DVec3,
+    /// The other nodes and the blocks that join them, N/m.
+    pub others: [(u32, DMat3); 2],
+}
+
 impl Triangle {
     /// A triangle with these rest positions, m.
     #[must_use]
@@ -138,6 +151,29 @@ impl Triangle {
             second += skew(s.normal) * if j == (i + 2) % 3 { 1.0 } else { -1.0 };
         }
         (simple + second * (p / self.double_area)) * self.volume
+    }
+
+    /// Force on one node, and what joins it to the other two in a tangent whose part that may be negative is left out: where the triangle is pressed together,
+    /// and, when it is to be `convex`, where it is more than stretched.
+    #[must_use]
+    pub(crate) fn row(&self, x: [DVec3; 3], node: usize, convex: bool) -> TriangleRow {
+        let s = self.strain(x);
+        let p = self.pressure(s.j);
+        // Positive for `-r mu <= p <= mu`, `r` the ratio of the stretches: by `r mu + p` across the triangle, by `mu - |p|` in it.
+        let squares = s.f.x_axis.length_squared() + s.f.y_axis.length_squared() + s.f.z_axis.length_squared();
+        let sum = (squares / s.j).max(2.0);
+        let ratio = if s.j > 0.0 { 2.0 / (sum + (sum * sum - 4.0).sqrt()) } else { 0.0 };
+        let kept = p.clamp(-ratio * self.mu, if convex { self.mu } else { MOST * self.mu });
+        let force = |p: f64| (s.f * self.gradients[node] * self.mu + s.dj[node] * p) * -self.volume;
+        let others = [(node + 1) % 3, (node + 2) % 3];
+        TriangleRow { force: force(p), turned: force(kept), others: others.map(|j| (self.nodes[j], self.block(&s, kept, node, j))) }
+    }
+
+    /// Force on one node, N.
+    #[must_use]
+    pub(crate) fn force(&self, x: [DVec3; 3], node: usize) -> DVec3 {
+        let s = self.strain(x);
+        (s.f * self.gradients[node] * self.mu + s.dj[node] * self.pressure(s.j)) * -self.volume
     }
 
     /// Force on one node (N) and a positive definite bound of its own stiffness (N/m).
@@ -251,7 +287,19 @@ impl Membrane {
     /// Energy, J.
     #[must_use]
     pub fn energy(&self, positions: &[DVec3]) -> f64 {
-        self.triangles().map(|t| t.energy(t.nodes.map(|n| positions[n as usize]))).sum()
+        self.energy_by(|n| positions[n])
+    }
+
+    /// Energy where a node is at `position`, J.
+    pub(crate) fn energy_by(&self, position: impl Fn(usize) -> DVec3) -> f64 {
+        self.triangles().map(|t| t.energy(t.nodes.map(|n| position(n as usize)))).sum()
+    }
+
+    /// About what a node resists with when its neighbours stay, N/m.
+    #[must_use]
+    pub(crate) fn stiffness(&self, node: usize) -> f32 {
+        let of = |(t, c): (&Triangle, usize)| t.volume * (t.mu + t.lambda) * t.gradients[c].length_squared();
+        self.around(node).map(of).sum::<f64>() as f32
     }
 
     /// Adds the forces on the nodes, N.

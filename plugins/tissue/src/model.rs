@@ -19,8 +19,8 @@ use keyhole_whiteboard::{OrganMaterials, TissueState};
 /// A soft-tissue model with its settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum TissueModel {
-    /// The simulator's own: two implicit stages a substep by Newton's method, right at rest and in motion with one substep. The only one that a capsule does
-    /// not reach. See [`crate::implicit`].
+    /// The simulator's own: implicit stages by Newton's method, right at rest and in motion with one substep. See [`crate::implicit`] and
+    /// [`crate::TimeStepping`].
     #[default]
     Implicit,
     /// The paper's: distance and volume potentials, explicit Verlet steps. See [`crate::teschner`].
@@ -142,7 +142,7 @@ impl ModelState {
             (TissueModel::Teschner(s), Kept::Teschner(t)) => t.step(s, body, membrane, state, holds, gravity, dt, settings.drag_1_s),
             (TissueModel::Vbd(s), Kept::Vbd(v)) => v.step(s, body, membrane, state, holds, gravity, dt, settings.drag_1_s),
             (TissueModel::Xpbd(s), _) => xpbd::step_with(s, body, membrane, state, holds, gravity, dt, settings.drag_1_s),
-            _ => body.step(state, holds, gravity, dt, settings),
+            _ => body.step_with(membrane, state, holds, gravity, dt, settings),
         }
     }
 }

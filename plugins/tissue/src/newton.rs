@@ -4,14 +4,19 @@ use crate::body::Body;
 use crate::clusters::Clusters;
 use crate::element::Element;
 use crate::gradients::{Gradients, Spring, Stop, System};
+use crate::membrane::Membrane;
 use crate::multilevel::{GRAIN, Multilevel};
 use crate::rows::{CHUNK, Forces, Inertia, Rows};
+use crate::skin;
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh, TopologyDelta};
 use rayon::prelude::*;
 
 /// How often a step of Newton's method is halved before it is given up.
 const HALVINGS: u32 = 10;
+
+/// Elements whose energy is summed at once.
+const PART: usize = 1024;
 
 /// A body is tangled when more than one in so many of its elements is inverted. A few may be a bridge of tissue about to be cut through, torn out of
 /// shape by the weight of what hangs on it.
@@ -41,6 +46,15 @@ pub(crate) enum Care {
     Downhill,
 }
 
+/// Which tangent the first step of a stage is taken with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Tangent {
+    /// That where the stage begins.
+    Own,
+    /// That of the stage before, which had the same inertia, springs and free nodes.
+    Kept,
+}
+
 /// Why a stage cannot be done as usual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Astray {
@@ -48,6 +62,13 @@ pub(crate) enum Astray {
     Tangled,
     /// The energy is not convex, or the residual does not fall.
     Wild,
+}
+
+/// A body and the capsule on it.
+#[derive(Clone, Copy)]
+pub(crate) struct Tissue<'a> {
+    pub body: &'a Body,
+    pub membrane: Option<&'a Membrane>,
 }
 
 /// The solver's view of a body, and its arrays.
@@ -67,10 +88,10 @@ pub struct Newton {
     pub(crate) free: Vec<bool>,
     forces: Vec<Forces>,
     pub(crate) springs: Vec<Spring>,
+    /// Steps that the last stage took.
+    pub(crate) rounds: u32,
     /// Iterations of conjugate gradients since this was last set to zero.
     pub(crate) iterations: u32,
-    /// Most steps of Newton's method of a stage since this was last set to zero.
-    pub(crate) rounds: u32,
 }
 
 impl Newton {
@@ -125,27 +146,32 @@ impl Newton {
         self.forces.resize(nodes, Forces::default());
     }
 
-    /// Takes `x` to the minimum: `inertia` is `w` in 1/s2.
-    pub(crate) fn solve(&mut self, body: &Body, inertia: f32, care: Care, stop: Stop) -> Result<(), Astray> {
+    /// Takes `x` to the minimum: `inertia` is `w` in 1/s2. The first step is with the tangent that there is, when `tangent` says so.
+    pub(crate) fn solve(&mut self, tissue: Tissue<'_>, inertia: f32, care: Care, tangent: Tangent, stop: Stop) -> Result<(), Astray> {
         let most = match care {
             Care::Usual => USUAL_STEPS,
             Care::Downhill => CAREFUL_STEPS,
         };
         let mut before = 0.0;
+        let mut energy = None;
         let mut convex = care == Care::Downhill;
         for round in 1..=most {
-            self.rounds = self.rounds.max(round);
-            if self.assemble(convex) * TANGLED > body.elements.len() && care == Care::Usual {
-                return Err(Astray::Tangled);
+            self.rounds = round;
+            if round == 1 && tangent == Tangent::Kept {
+                self.look(tissue, inertia);
+            } else {
+                if self.assemble(tissue.membrane, convex) * TANGLED > tissue.body.elements.len() && care == Care::Usual {
+                    return Err(Astray::Tangled);
+                }
+                self.balance(tissue, inertia);
             }
-            self.balance(body, inertia);
             let system = System { rows: &self.rows, springs: &self.springs, clusters: &self.clusters, free: &self.free };
             let solved = self.gradients.solve(system, &mut self.levels, stop);
             if before <= 0.0 {
                 before = solved.before;
             }
             self.iterations += solved.iterations;
-            self.settle_momentum(body, inertia);
+            self.settle_momentum(tissue, inertia);
             if solved.iterations == 0 && !solved.negative {
                 break;
             }
@@ -159,7 +185,7 @@ impl Newton {
                         continue;
                     }
                     self.go(1.0);
-                    self.look(body, inertia);
+                    self.look(tissue, inertia);
                     let size = self.gradients.size(&self.rows, &self.clusters, &mut self.levels);
                     let left = size / before;
                     if left <= ENOUGH || size <= ROUNDING * stop.least {
@@ -170,7 +196,9 @@ impl Newton {
                     }
                 }
                 Care::Downhill => {
-                    if !self.go_downhill(body, inertia) {
+                    let now = energy.unwrap_or_else(|| self.energy(tissue, inertia));
+                    energy = self.go_downhill(tissue, inertia, now);
+                    if energy.is_none() {
                         break;
                     }
                 }
@@ -180,7 +208,7 @@ impl Newton {
     }
 
     /// Assembles the tangent and the preconditioner at `x`; the residual becomes the elastic force. Returns the number of inverted elements.
-    fn assemble(&mut self, convex: bool) -> usize {
+    fn assemble(&mut self, membrane: Option<&Membrane>, convex: bool) -> usize {
         let weights = Inertia { added: &self.added, free: &self.free, convex };
         let (chunks, constants) = self.rows.split();
         let x = &self.x;
@@ -189,7 +217,13 @@ impl Newton {
             .zip(self.forces.par_chunks_mut(CHUNK))
             .enumerate()
             .with_min_len(GRAIN)
-            .map(|(c, (chunk, forces))| chunk.assemble(c * CHUNK, constants, x, weights, forces))
+            .map(|(c, (chunk, forces))| {
+                let inverted = chunk.assemble(c * CHUNK, constants, x, weights, forces);
+                if let Some(membrane) = membrane {
+                    skin::assemble(membrane, chunk, c * CHUNK, x, weights, forces);
+                }
+                inverted
+            })
             .sum();
         self.levels.prepare(&self.clusters, &self.rows, &self.x, weights, &self.forces);
         for (r, f) in self.gradients.residual.iter_mut().zip(&self.forces) {
@@ -199,10 +233,10 @@ impl Newton {
     }
 
     /// Adds inertia and springs to the elastic forces that are in the residual.
-    fn balance(&mut self, body: &Body, inertia: f32) {
+    fn balance(&mut self, tissue: Tissue<'_>, inertia: f32) {
         let residual = &mut self.gradients.residual;
         for (i, r) in residual.iter_mut().enumerate() {
-            *r = if self.free[i] { *r + (self.target[i] - self.x[i]) * (body.masses[i] * inertia) } else { Vec3A::ZERO };
+            *r = if self.free[i] { *r + (self.target[i] - self.x[i]) * (tissue.body.masses[i] * inertia) } else { Vec3A::ZERO };
         }
         for spring in &self.springs {
             let gap = spring.gap(&self.x) * spring.stiffness;
@@ -213,12 +247,12 @@ impl Newton {
     }
 
     /// Moves a body that no node is fixed of as a whole by what truncation left of the balance of its linear momentum.
-    fn settle_momentum(&mut self, body: &Body, inertia: f32) {
-        if self.free.iter().zip(&body.masses).any(|(free, mass)| !free && *mass > 0.0) {
+    fn settle_momentum(&mut self, tissue: Tissue<'_>, inertia: f32) {
+        if self.free.iter().zip(&tissue.body.masses).any(|(free, mass)| !free && *mass > 0.0) {
             return;
         }
         let left: DVec3 = self.gradients.residual.iter().map(|r| r.as_dvec3()).sum();
-        let mut against: f64 = body.masses.iter().map(|m| f64::from(m * inertia)).sum();
+        let mut against: f64 = tissue.body.masses.iter().map(|m| f64::from(m * inertia)).sum();
         for spring in &self.springs {
             against += f64::from(spring.stiffness * spring.point.iter().map(|(_, w)| w).sum::<f32>().powi(2));
         }
@@ -238,41 +272,47 @@ impl Newton {
     }
 
     /// Takes the residual to where the body now is.
-    fn look(&mut self, body: &Body, inertia: f32) {
+    fn look(&mut self, tissue: Tissue<'_>, inertia: f32) {
         let (rows, x) = (&self.rows, &self.x);
         let constants = rows.constants();
-        rows.chunks
-            .par_iter()
-            .zip(self.gradients.residual.par_chunks_mut(CHUNK))
-            .enumerate()
-            .with_min_len(GRAIN)
-            .for_each(|(c, (chunk, out))| chunk.forces(c * CHUNK, constants, x, out));
-        self.balance(body, inertia);
+        rows.chunks.par_iter().zip(self.gradients.residual.par_chunks_mut(CHUNK)).enumerate().with_min_len(GRAIN).for_each(
+            |(c, (chunk, out))| {
+                chunk.forces(c * CHUNK, constants, x, out);
+                if let Some(membrane) = tissue.membrane {
+                    skin::forces(membrane, c * CHUNK, x, out);
+                }
+            },
+        );
+        self.balance(tissue, inertia);
     }
 
-    /// Goes along the solution, less and less of it until the energy is lower; whether it got anywhere.
-    fn go_downhill(&mut self, body: &Body, inertia: f32) -> bool {
-        let before = self.energy(body, inertia);
+    /// Goes along the solution, less and less of it until the energy is lower than `before`; the energy there, if it got anywhere.
+    fn go_downhill(&mut self, tissue: Tissue<'_>, inertia: f32, before: f64) -> Option<f64> {
         let mut part = 1.0;
         self.go(part);
         for _ in 0..HALVINGS {
-            if self.energy(body, inertia) < before {
-                return true;
+            let energy = self.energy(tissue, inertia);
+            if energy < before {
+                return Some(energy);
             }
             self.go(-part / 2.0);
             part /= 2.0;
         }
         self.go(-part);
-        false
+        None
     }
 
     /// What a substep makes least, J.
-    fn energy(&self, body: &Body, inertia: f32) -> f64 {
-        let elastic: f64 =
-            body.elements.iter().filter(|e| !e.is_empty()).map(|e| e.energy(e.indices().map(|i| Vec3::from(self.x[i])))).sum();
+    fn energy(&self, tissue: Tissue<'_>, inertia: f32) -> f64 {
+        let of = |e: &Element| e.energy(e.indices().map(|i| Vec3::from(self.x[i])));
+        let some = |elements: &[Element]| elements.iter().filter(|e| !e.is_empty()).map(of).sum::<f64>();
+        // Parts of a fixed size, summed in their order: the same bits on any number of threads.
+        let parts: Vec<f64> = tissue.body.elements.par_chunks(PART).map(some).collect();
+        let elastic: f64 = parts.into_iter().sum();
         let away = |(x, y): (&Vec3A, &Vec3A)| f64::from((*x - *y).length_squared());
-        let kinetic: f64 = self.x.iter().zip(&self.target).map(away).zip(&body.masses).map(|(d, m)| d * f64::from(*m)).sum();
+        let kinetic: f64 = self.x.iter().zip(&self.target).map(away).zip(&tissue.body.masses).map(|(d, m)| d * f64::from(*m)).sum();
         let springs: f64 = self.springs.iter().map(|s| f64::from(s.gap(&self.x).length_squared() * s.stiffness)).sum();
-        elastic + (kinetic * f64::from(inertia) + springs) / 2.0
+        let capsule = tissue.membrane.map_or(0.0, |m| m.energy_by(|n| self.x[n].as_dvec3()));
+        elastic + capsule + (kinetic * f64::from(inertia) + springs) / 2.0
     }
 }

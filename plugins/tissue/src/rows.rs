@@ -18,6 +18,7 @@
 use crate::element::Element;
 use bevy_math::{Mat3A, Vec3A, Vec4};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
+use rayon::prelude::*;
 
 /// Nodes of a chunk.
 pub const CHUNK: usize = 64;
@@ -107,10 +108,13 @@ impl Rows {
         while self.chunks.len() * CHUNK < slots {
             self.chunks.push(Chunk::empty());
         }
-        for group in nodes.chunk_by(|a, b| a.index() / CHUNK == b.index() / CHUNK) {
-            let at = group[0].index() / CHUNK;
-            self.chunks[at].rebuild(at * CHUNK, group, mesh, elements);
-        }
+        let groups: Vec<&[NodeId]> = nodes.chunk_by(|a, b| a.index() / CHUNK == b.index() / CHUNK).collect();
+        let of = |c: usize| groups.binary_search_by_key(&c, |g| g[0].index() / CHUNK).ok().map(|g| groups[g]);
+        self.chunks.par_iter_mut().enumerate().with_min_len(4).for_each(|(c, chunk)| {
+            if let Some(group) = of(c) {
+                chunk.rebuild(c * CHUNK, group, mesh, elements);
+            }
+        });
     }
 
     /// The nodes that share a tetrahedron with this one, ascending.
@@ -341,6 +345,28 @@ impl Chunk {
             self.inverse[at] = if inertia.free[first + at] && inertia.added[first + at] > 0.0 { d.inverse() } else { Mat3A::ZERO };
         }
         inverted
+    }
+
+    /// Adds to the row of a node what joins it to some of its neighbours, and to its diagonal so that the row sums to what it did.
+    pub(crate) fn add(&mut self, at: usize, entries: impl Iterator<Item = (u32, Mat3A)>) {
+        let row = self.row(at);
+        let mut total = Mat3A::ZERO;
+        for (column, block) in entries {
+            let Ok(slot) = self.columns[row.clone()].binary_search(&column) else { continue };
+            let place = 9 * (row.start + slot);
+            for (b, more) in self.blocks[place..place + 9].iter_mut().zip(block.to_cols_array()) {
+                *b += more;
+            }
+            total += block;
+        }
+        self.diagonal[at] -= (total + total.transpose()) * 0.5;
+    }
+
+    /// Inverts the diagonal block of a node that moves freely anew.
+    pub(crate) fn invert(&mut self, at: usize) {
+        if self.inverse[at] != Mat3A::ZERO {
+            self.inverse[at] = self.diagonal[at].inverse();
+        }
     }
 
     /// `y = A x` for the nodes of this chunk, zero where a node is not free; and the sum of the products of both.

@@ -4,14 +4,27 @@ use crate::membrane::Capsule;
 use crate::model::TissueModel;
 use bevy_ecs::prelude::*;
 
+/// How [`TissueModel::Implicit`] steps in time. Both are of the second order of the substep and damp what is too fast for it; both rest in the same shape.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum TimeStepping {
+    /// Two stages a substep (Alexander 1977): a mode that the substep resolves is hardly damped by it.
+    #[default]
+    TwoStages,
+    /// One stage a substep, and the state a substep before (backward differentiation of second order): about half the cost, and more damping by the
+    /// method itself.
+    TwoSteps,
+}
+
 /// How tissue is stepped. Written by the scene or the command line.
 #[derive(Resource, Clone, Copy, Debug, PartialEq)]
 pub struct TissueSettings {
     /// Which soft-tissue model. Default [`TissueModel::Implicit`], which the fields below are about; the other models have settings of their own and take
     /// of these only the drag.
     pub model: TissueModel,
-    /// A thin stiff membrane on the surface of every organ. Default none; [`TissueModel::Implicit`] does not have it.
+    /// A thin stiff membrane on the surface of every organ. Default none.
     pub capsule: Option<Capsule>,
+    /// How [`TissueModel::Implicit`] steps in time. Default [`TimeStepping::TwoStages`].
+    pub stepping: TimeStepping,
     /// Substeps of one tick of [`TissueModel::Implicit`]; 0 counts as 1. Default 1: see the table in the crate's documentation.
     pub substeps: u32,
     /// Rate at which every velocity decays, 1/s, as in a viscous fluid around the organ: the mass-proportional part of Rayleigh damping, a
@@ -37,6 +50,7 @@ impl Default for TissueSettings {
         Self {
             model: TissueModel::default(),
             capsule: None,
+            stepping: TimeStepping::default(),
             substeps: 1,
             drag_1_s: 4.0,
             viscosity_s: 0.001,

@@ -14,6 +14,7 @@ use keyhole_whiteboard::{Organ, SceneRequirements, TissueMesh, TissueState, Topo
 fn every_model_can_be_chosen() {
     let springs = XpbdSettings { constraints: Constraints::DistanceVolume, ..Default::default() };
     for model in [
+        TissueModel::Implicit,
         TissueModel::Teschner(TeschnerSettings::default()),
         TissueModel::Xpbd(XpbdSettings::default()),
         TissueModel::Xpbd(springs),

@@ -5,12 +5,13 @@ use bevy_math::Vec3;
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_tissue::adopt::adopt;
 use keyhole_tissue::beam::{GRAVITY, beam, beam_material, block, clamp, tip_mm};
-use keyhole_tissue::{Body, Guard, Momentum, TissueSettings};
+use keyhole_tissue::{Body, Guard, Momentum, TimeStepping, TissueSettings};
 use keyhole_whiteboard::TissueState;
 
-/// In vacuum, with many substeps.
-fn vacuum() -> TissueSettings {
-    TissueSettings { substeps: 20, drag_1_s: 0.0, ..Default::default() }
+/// Both ways of stepping, 20 substeps in vacuum.
+fn every() -> [TissueSettings; 2] {
+    let two_stages = TissueSettings { substeps: 20, drag_1_s: 0.0, ..Default::default() };
+    [two_stages, TissueSettings { stepping: TimeStepping::TwoSteps, ..two_stages }]
 }
 
 /// Spinning, stretched and flying.
@@ -32,47 +33,53 @@ fn centre(body: &Body, state: &TissueState) -> Vec3 {
 fn free_fall() {
     let mesh = beam(6, 3);
     let mut body = Body::new(&mesh, &beam_material()).unwrap();
-    let mut state = TissueState::at_rest(&mesh);
-    let start = centre(&body, &state);
-    run(&mut body, &mut state, &[], GRAVITY, &vacuum(), 60);
-    let fall = start.y - centre(&body, &state).y;
-    assert!((f64::from(fall) / 4.905 - 1.0).abs() < 3e-5, "{fall} m");
-    assert!(body.elastic_energy(&state).abs() < 1e-6, "nothing is strained by falling");
+    for settings in every() {
+        let stepping = settings.stepping;
+        let mut state = TissueState::at_rest(&mesh);
+        let start = centre(&body, &state);
+        run(&mut body, &mut state, &[], GRAVITY, &settings, 60);
+        let fall = start.y - centre(&body, &state).y;
+        assert!((f64::from(fall) / 4.905 - 1.0).abs() < 3e-5, "{stepping:?}: {fall} m");
+        assert!(body.elastic_energy(&state).abs() < 1e-6, "nothing is strained by falling");
+    }
 }
 
 /// A free body in vacuum keeps its linear momentum to rounding and its angular momentum to the order of the step, across cuts as well.
 #[test]
 fn momentum_stays_across_cuts() {
-    let mut mesh = beam(8, 4);
-    let mut body = Body::new(&mesh, &beam_material()).unwrap();
-    let mut state = stirred(&mesh);
-    let start = body.momentum(&state);
-    for tick in 0..30 {
-        if tick == 10 {
-            let (_, c) = mesh.iter().nth(100).unwrap();
-            split_edge(&mut mesh, c[0], c[1], 0.3);
+    for settings in every() {
+        let stepping = settings.stepping;
+        let mut mesh = beam(8, 4);
+        let mut body = Body::new(&mesh, &beam_material()).unwrap();
+        let mut state = stirred(&mesh);
+        let start = body.momentum(&state);
+        for tick in 0..30 {
+            if tick == 10 {
+                let (_, c) = mesh.iter().nth(100).unwrap();
+                split_edge(&mut mesh, c[0], c[1], 0.3);
+            }
+            if tick == 20 {
+                separate(&mut mesh, 0.03);
+            }
+            let delta = mesh.take_delta();
+            if !delta.is_empty() {
+                let before = body.momentum(&state);
+                let adopted = adopt(&mut body, &mut state, &mesh, &delta, |_| Momentum::default());
+                let after = body.momentum(&state);
+                assert!((after.linear - before.linear).length() < 1e-6 * before.scale, "tick {tick}: linear");
+                assert!((after.mass / before.mass - 1.0).abs() < 1e-6, "tick {tick}: mass");
+                assert!(adopted.relative_error() < 1e-6, "{adopted:?}");
+            }
+            run(&mut body, &mut state, &[], Vec3::ZERO, &settings, 1);
         }
-        if tick == 20 {
-            separate(&mut mesh, 0.03);
-        }
-        let delta = mesh.take_delta();
-        if !delta.is_empty() {
-            let before = body.momentum(&state);
-            let adopted = adopt(&mut body, &mut state, &mesh, &delta, |_| Momentum::default());
-            let after = body.momentum(&state);
-            assert!((after.linear - before.linear).length() < 1e-6 * before.scale, "tick {tick}: linear");
-            assert!((after.mass / before.mass - 1.0).abs() < 1e-6, "tick {tick}: mass");
-            assert!(adopted.relative_error() < 1e-6, "{adopted:?}");
-        }
-        run(&mut body, &mut state, &[], Vec3::ZERO, &vacuum(), 1);
+        let end = body.momentum(&state);
+        assert!((end.linear - start.linear).length() < 1e-5 * start.scale, "{stepping:?}: linear {} from {}", end.linear, start.linear);
+        // About the moving centre of mass.
+        let spin = |m: &Momentum, c: Vec3| m.angular - c.as_dvec3().cross(m.linear);
+        let begin = spin(&start, centre(&Body::new(&beam(8, 4), &beam_material()).unwrap(), &stirred(&beam(8, 4))));
+        let now = spin(&end, centre(&body, &state));
+        assert!((now - begin).length() < 0.05 * begin.length(), "{stepping:?}: angular {now} from {begin}");
     }
-    let end = body.momentum(&state);
-    assert!((end.linear - start.linear).length() < 1e-5 * start.scale, "linear {} from {}", end.linear, start.linear);
-    // About the moving centre of mass.
-    let spin = |m: &Momentum, c: Vec3| m.angular - c.as_dvec3().cross(m.linear);
-    let begin = spin(&start, centre(&Body::new(&beam(8, 4), &beam_material()).unwrap(), &stirred(&beam(8, 4))));
-    let now = spin(&end, centre(&body, &state));
-    assert!((now - begin).length() < 0.05 * begin.length(), "angular {now} from {begin}");
 }
 
 /// The same bits twice, and on one thread as on two, held and free, on a mesh that is large enough to be shared out.
@@ -80,20 +87,22 @@ fn momentum_stays_across_cuts() {
 fn same_bits_whatever_the_threads() {
     let mesh = beam(16, 8);
     let body = Body::new(&mesh, &beam_material()).unwrap();
-    for holds in [clamp(&mesh), Vec::new()] {
-        let bits = |threads: usize| -> Vec<[u32; 3]> {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let mut state = stirred(&mesh);
-                let settings = TissueSettings { substeps: 2, ..vacuum() };
-                run(&mut body.clone(), &mut state, &holds, GRAVITY, &settings, 8);
-                state.positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect()
-            })
-        };
-        let one = bits(1);
-        assert_eq!(one, bits(1), "twice");
-        assert_eq!(one, bits(2), "on 1 and 2 threads");
-        assert_eq!(one, bits(3), "on 1 and 3 threads");
+    for settings in every() {
+        for holds in [clamp(&mesh), Vec::new()] {
+            let bits = |threads: usize| -> Vec<[u32; 3]> {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| {
+                    let mut state = stirred(&mesh);
+                    let settings = TissueSettings { substeps: 2, ..settings };
+                    run(&mut body.clone(), &mut state, &holds, GRAVITY, &settings, 8);
+                    state.positions.iter().map(|p| p.to_array().map(f32::to_bits)).collect()
+                })
+            };
+            let one = bits(1);
+            assert_eq!(one, bits(1), "{settings:?} twice");
+            assert_eq!(one, bits(2), "{settings:?} on 1 and 2 threads");
+            assert_eq!(one, bits(3), "{settings:?} on 1 and 3 threads");
+        }
     }
 }
 
@@ -115,30 +124,30 @@ fn recovers_from_inversion() {
         ("flat", Box::new(|_, p| Vec3::new(p.x, p.y, 0.015))),
     ];
     for (name, place) in &mut broken {
-        let mut body = Body::new(&mesh, &beam_material()).unwrap();
-        let mut state = TissueState::at_rest(&mesh);
-        for (i, p) in state.positions.iter_mut().enumerate().filter(|(_, p)| p.x > 0.0) {
+        let mut start = TissueState::at_rest(&mesh);
+        for (i, p) in start.positions.iter_mut().enumerate().filter(|(_, p)| p.x > 0.0) {
             *p = place(i, *p);
         }
-        let settings = TissueSettings { drag_1_s: 6.0, ..Default::default() };
-        run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &settings, 240);
-        let inverted = mesh
-            .iter()
-            .filter(|(t, _)| body.elements()[t.index()].deformation(mesh.corners(*t).map(|n| state.position(n))).determinant() <= 0.0);
-        assert_eq!(inverted.count(), 0, "{name}");
-        let tip = tip_mm(&mesh, &state);
-        assert!((tip / -21.763 - 1.0).abs() < 1e-3, "{name}: {tip} mm");
+        for stepping in [TimeStepping::TwoStages, TimeStepping::TwoSteps] {
+            let (mut body, mut state) = (Body::new(&mesh, &beam_material()).unwrap(), start.clone());
+            let settings = TissueSettings { stepping, drag_1_s: 6.0, ..Default::default() };
+            run(&mut body, &mut state, &clamp(&mesh), GRAVITY, &settings, 240);
+            let turned = |t: usize, c: [NodeId; 4]| body.elements()[t].deformation(c.map(|n| state.position(n))).determinant() <= 0.0;
+            assert_eq!(mesh.iter().filter(|(t, c)| turned(t.index(), *c)).count(), 0, "{name}, {stepping:?}");
+            let tip = tip_mm(&mesh, &state);
+            assert!((tip / -21.763 - 1.0).abs() < 1e-3, "{name}, {stepping:?}: {tip} mm");
+        }
     }
 }
 
-/// Halving the step quarters the error of the way of the tip: the solver is of second order.
+/// Halving the step quarters the error of the way of the tip: both ways of stepping are of second order, drag and viscosity included, and go the same way.
 #[test]
 fn second_order_in_time() {
     let mesh = beam(6, 3);
     let body = Body::new(&mesh, &beam_material()).unwrap();
-    let way = |substeps: u32| {
-        let settings =
-            TissueSettings { substeps, tolerance: 1e-4, iterations: 200, drag_1_s: 0.0, viscosity_s: 0.004, ..Default::default() };
+    let way = |stepping: TimeStepping, substeps: u32| {
+        let damping = TissueSettings { drag_1_s: 4.0, viscosity_s: 0.004, ..Default::default() };
+        let settings = TissueSettings { stepping, substeps, tolerance: 1e-4, iterations: 200, ..damping };
         let (mut body, mut state) = (body.clone(), TissueState::at_rest(&mesh));
         (0..12)
             .map(|_| {
@@ -147,10 +156,12 @@ fn second_order_in_time() {
             })
             .collect::<Vec<_>>()
     };
-    let exact = way(64);
-    let error = |substeps: u32| way(substeps).iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    let (coarse, fine) = (error(2), error(4));
-    assert!(coarse > 3.0 * fine, "{coarse} mm with 2 substeps, {fine} mm with 4");
+    let exact = way(TimeStepping::TwoStages, 64);
+    for (stepping, substeps) in [(TimeStepping::TwoStages, 2), (TimeStepping::TwoSteps, 4)] {
+        let error = |substeps: u32| way(stepping, substeps).iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let (coarse, fine) = (error(substeps), error(2 * substeps));
+        assert!(coarse > 3.0 * fine, "{stepping:?}: {coarse} mm with {substeps} substeps, {fine} mm with twice as many");
+    }
 }
 
 /// A beam that hangs is slit to half its height: the body that adopted the cut goes the way of one built from the slit mesh, and hangs where it does.
@@ -200,6 +211,41 @@ fn iterations_stay() {
     let (coarse, fine, cut) = (iterations(8, 4, false), iterations(16, 8, false), iterations(16, 8, true));
     assert!(fine < 2 * coarse, "{coarse} on 640 tetrahedra, {fine} on 5120");
     assert!(cut < 2 * fine, "{fine} whole, {cut} cut");
+}
+
+/// A hundred cuts, slits that deepen and edges that are split, leave about as many clusters and iterations as the body of the final mesh has.
+#[test]
+fn clusters_stay_by_a_hundred_cuts() {
+    let mut mesh = beam(16, 8);
+    let mut body = Body::new(&mesh, &beam_material()).unwrap();
+    let mut state = TissueState::at_rest(&mesh);
+    let mut r = random();
+    for cut in 0..100 {
+        let (section, depth) = (cut % 14 + 1, cut / 14 + 1);
+        if depth < 6 {
+            slit(&mut mesh, 0.06 * f64::from(section) / 16.0, 0.03 * (1.0 - f64::from(depth) / 8.0) - 1e-4);
+        }
+        for _ in 0..4 {
+            let (_, c) = mesh.iter().nth((r() * mesh.tet_count() as f32) as usize).unwrap();
+            split_edge(&mut mesh, c[0], c[1], 0.4);
+        }
+        let delta = mesh.take_delta();
+        adopt(&mut body, &mut state, &mesh, &delta, |_| Momentum::default());
+    }
+    let mut fresh = Body::new(&mesh, &beam_material()).unwrap();
+    let ((small, large), (few, fewest)) = (body.solver_clusters(), fresh.solver_clusters());
+    assert!(2 * small < 3 * few && 2 * large < 3 * fewest, "{small} and {large} clusters, {few} and {fewest} of a fresh body");
+    let iterations = |body: &mut Body| {
+        let mut state = state.clone();
+        let settings = TissueSettings { tolerance: 0.01, iterations: 500, ..Default::default() };
+        let mut tick = || {
+            run(body, &mut state, &clamp(&mesh), GRAVITY, &settings, 1);
+            body.solver_report().0
+        };
+        (0..10).map(|_| tick()).sum::<u32>()
+    };
+    let (cut, built) = (iterations(&mut body), iterations(&mut fresh));
+    assert!(2 * cut < 3 * built, "{cut} iterations, {built} of a fresh body");
 }
 
 /// A body that is still is left alone, to the bit, until something about it changes.
