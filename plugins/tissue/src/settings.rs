@@ -37,7 +37,7 @@ pub struct TissueSettings {
     /// models have no other damping than drag and that of their steps, and ignore it. Default 1 ms.
     pub viscosity_s: f32,
     /// Share of the residual at which conjugate gradients stop, for [`TissueModel::Implicit`]. No equilibrium depends on it, motion
-    /// does. Default 0.1: its way is within 1 % of that with 0.001.
+    /// does. Default 0.1: the tip of a dropped beam is never further than 3 % of its sag from its way with 16 substeps and a tolerance of 1e-5.
     pub tolerance: f32,
     /// Most iterations of conjugate gradients a substep. Default 50.
     pub iterations: u32,
