@@ -17,15 +17,22 @@ const PRESTRESS_TOLERANCE: f64 = 1e-3;
 /// Most equilibria that are computed for a rest shape.
 const PRESTRESS_ROUNDS: u32 = 30;
 
-/// The model that a scene asks for, with the scene's substeps.
+/// The model that a scene asks for, with the scene's substeps or, when it names none, the model's own.
 fn tissue_model(tissue: &SceneTissue) -> TissueModel {
-    let xpbd = |constraints| TissueModel::Xpbd(XpbdSettings { substeps: tissue.substeps, constraints });
+    let substeps = |own: u32| tissue.substeps.unwrap_or(own);
+    let xpbd = |constraints| {
+        let own = XpbdSettings::default();
+        TissueModel::Xpbd(XpbdSettings { substeps: substeps(own.substeps), constraints })
+    };
     match tissue.model {
         SceneTissueModel::Implicit => TissueModel::Implicit,
         SceneTissueModel::Teschner => TissueModel::Teschner(TeschnerSettings::default()),
         SceneTissueModel::Xpbd => xpbd(Constraints::NeoHookean),
         SceneTissueModel::XpbdSprings => xpbd(Constraints::DistanceVolume),
-        SceneTissueModel::Vbd => TissueModel::Vbd(VbdSettings { substeps: tissue.substeps, ..Default::default() }),
+        SceneTissueModel::Vbd => {
+            let own = VbdSettings::default();
+            TissueModel::Vbd(VbdSettings { substeps: substeps(own.substeps), ..own })
+        }
     }
 }
 
@@ -53,7 +60,7 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
     world.insert_resource(ScriptClock { end_s: theatre.script.end_s(), ..default() });
     {
         let mut settings = world.resource_mut::<TissueSettings>();
-        settings.substeps = scene.tissue.substeps;
+        settings.substeps = scene.tissue.substeps.unwrap_or(TissueSettings::default().substeps);
         settings.model = tissue_model(&scene.tissue);
         settings.capsule = scene.tissue.capsule.map(|c| Capsule {
             young_modulus_pa: c.young_modulus_pa,

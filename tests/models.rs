@@ -28,7 +28,7 @@ fn the_trade_of_one_case() {
     let front = study.front(0);
     assert!(front.windows(2).all(|w| w[0].cost <= w[1].cost && w[0].error.abs() > w[1].error.abs()));
     let folder = tempfile::tempdir().unwrap();
-    trade_page::write_all(&study, None, folder.path()).unwrap();
+    trade_page::write_all(&study, &[], None, folder.path()).unwrap();
     let table = std::fs::read_to_string(folder.path().join("trade.csv")).unwrap();
     assert_eq!(table.lines().count(), 1 + study.runs.len());
     let page = std::fs::read_to_string(folder.path().join("index.html")).unwrap();
@@ -52,6 +52,20 @@ fn some_hardships() {
     stability_page::write_all(&study, folder.path()).unwrap();
     let page = std::fs::read_to_string(folder.path().join("index.html")).unwrap();
     assert!(page.contains("worst.svg") && folder.path().join("worst.svg").exists());
+}
+
+/// The simulator's default survives what is worst, and comes back from every start.
+#[test]
+fn the_default_comes_back_from_everything() {
+    let mut hardships =
+        vec![Hardship::Young(10.0), Hardship::Young(1e9), Hardship::Poisson(0.4999), Hardship::Tick(0.1), Hardship::MassRatio(1e6)];
+    hardships.extend([Hardship::Gravity(1000.0), Hardship::Sliver(0.01), Hardship::Plane, Hardship::Line, Hardship::Point]);
+    hardships.extend([Hardship::Scrambled, Hardship::InsideOut, Hardship::Pulled, Hardship::FastTool]);
+    for hardship in hardships {
+        let o = stability::endure(hardship, &Contender::default_of_the_simulator(), 600.0).unwrap();
+        assert!(o.survived && o.finished, "{}: energy {}", hardship.name(), o.energy);
+        assert_eq!(o.back_s.is_some(), hardship.has_rest_shape(), "{}: off by {:?}", hardship.name(), o.off);
+    }
 }
 
 /// The explicit limit is 2 / omega_max: measured within a fifth of it on every mesh, that with slivers as well.

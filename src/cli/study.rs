@@ -3,15 +3,16 @@
 use crate::cli::Failure;
 use crate::report::folder::Folder;
 use crate::study::contender::Contender;
-use crate::study::filmed::{self, FilmError};
+use crate::study::film::FilmError;
 use crate::study::hardship::Hardship;
 use crate::study::plan::{CELLS_MM, Plan, phantom_kidneys, read_mesh};
 use crate::study::specimen::Case;
 use crate::study::strokes::Stroke;
 use crate::study::trade::{self, TradePlan};
-use crate::study::{Study, conduct, stability, stability_page, trade_page};
+use crate::study::{Study, StudyError, conduct, stability, stability_page, trade_page};
+use crate::study::{filmed, refinement};
 use indicatif::{ProgressBar, ProgressStyle};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `keyhole study`.
 #[derive(Debug, clap::Args)]
@@ -38,7 +39,7 @@ pub struct StabilityStudyArgs {
     /// Folder for index.html, the tables and the pictures; must not be there or be empty.
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
-    /// Seconds of wall time after which a run is stopped.
+    /// Seconds of wall time after which a run is stopped; an hour at rest gets ten times as long, a hundred cuts twenty times.
     #[arg(long, value_name = "S", default_value_t = 5.0, value_parser = above_zero)]
     pub patience: f64,
 }
@@ -93,55 +94,62 @@ pub fn run(args: &StudyArgs) -> Result<(), Failure> {
     }
 }
 
+/// A folder that appears when all is in it, and a bar that says how far the work is.
+struct Experimenter {
+    folder: Folder,
+    output: PathBuf,
+    bar: ProgressBar,
+}
+
+impl Experimenter {
+    fn begin(output: &Path) -> Result<Self, Failure> {
+        let folder = Folder::begin(output).map_err(|e| Failure::input(format!("{}: {e}", output.display())))?;
+        Ok(Self { folder, output: output.into(), bar: ProgressBar::new_spinner() })
+    }
+
+    fn tell(&self, what: &str) {
+        self.bar.set_message(what.to_owned());
+        self.bar.tick();
+    }
+
+    /// Lets `write` fill the folder, gives it its name, and says in a line what was done and where the page is.
+    fn finish(self, done: &str, write: impl FnOnce(&Path) -> Result<(), StudyError>) -> Result<(), Failure> {
+        write(self.folder.path()).map_err(Failure::job)?;
+        self.bar.finish_and_clear();
+        let out = self.folder.finish().map_err(|e| Failure::job(format!("{}: {e}", self.output.display())))?;
+        println!("{done}");
+        println!("{}", out.join("index.html").display());
+        Ok(())
+    }
+}
+
 fn trade(args: &TradeStudyArgs) -> Result<(), Failure> {
-    let named = |e: std::io::Error| format!("{}: {e}", args.output.display());
-    let folder = Folder::begin(&args.output).map_err(|e| Failure::input(named(e)))?;
-    let bar = ProgressBar::new_spinner();
-    let tell = |what: &str| {
-        bar.set_message(what.to_owned());
-        bar.tick();
-    };
+    let experimenter = Experimenter::begin(&args.output)?;
     let filmed = match &args.data {
-        Some(data) => Some(filmed::conduct(data, tell).map_err(|e| match e {
+        Some(data) => Some(filmed::conduct(data, |what| experimenter.tell(what)).map_err(|e| match e {
             FilmError::File { .. } => Failure::input(e),
             FilmError::Reference(_) => Failure::job(e),
         })?),
         None => None,
     };
     let plan = TradePlan { cases: Case::ALL.into_iter().map(|c| (c, usize::from(args.meshes))).collect(), ..TradePlan::default() };
-    let study = trade::conduct(&plan, tell).map_err(Failure::job)?;
-    trade_page::write_all(&study, filmed.as_ref(), folder.path()).map_err(Failure::job)?;
-    bar.finish_and_clear();
-    let out = folder.finish().map_err(|e| Failure::job(named(e)))?;
-    println!("{} runs on {} meshes", study.runs.len(), study.benches.len());
-    println!("{}", out.join("index.html").display());
-    Ok(())
+    let study = trade::conduct(&plan, |what| experimenter.tell(what)).map_err(Failure::job)?;
+    let refined = refinement::conduct(|what| experimenter.tell(what)).map_err(Failure::job)?;
+    let done = format!("{} runs on {} meshes", study.runs.len(), study.benches.len());
+    experimenter.finish(&done, |folder| trade_page::write_all(&study, &refined, filmed.as_ref(), folder))
 }
 
 fn stability(args: &StabilityStudyArgs) -> Result<(), Failure> {
-    let named = |e: std::io::Error| format!("{}: {e}", args.output.display());
-    let folder = Folder::begin(&args.output).map_err(|e| Failure::input(named(e)))?;
-    let bar = ProgressBar::new_spinner();
-    let tell = |what: &str| {
-        bar.set_message(what.to_owned());
-        bar.tick();
-    };
-    let study = stability::conduct(&Hardship::all(), &Contender::one_of_each(), args.patience, tell);
-    stability_page::write_all(&study, folder.path()).map_err(Failure::job)?;
-    bar.finish_and_clear();
-    let out = folder.finish().map_err(|e| Failure::job(named(e)))?;
-    println!("{} of {} survived", study.ordeals.iter().filter(|o| o.survived).count(), study.ordeals.len());
-    println!("{}", out.join("index.html").display());
-    Ok(())
+    let experimenter = Experimenter::begin(&args.output)?;
+    let study = stability::conduct(&Hardship::all(), &Contender::one_of_each(), args.patience, |what| experimenter.tell(what));
+    let done = format!("{} of {} survived", study.ordeals.iter().filter(|o| o.survived).count(), study.ordeals.len());
+    experimenter.finish(&done, |folder| stability_page::write_all(&study, folder))
 }
 
 fn cut(args: &CutStudyArgs) -> Result<(), Failure> {
-    let named = |e: std::io::Error| format!("{}: {e}", args.output.display());
     let given = args.meshes.iter().map(|path| read_mesh(path)).collect::<Result<Vec<_>, _>>().map_err(Failure::input)?;
-    let folder = Folder::begin(&args.output).map_err(|e| Failure::input(named(e)))?;
-    let bar = ProgressBar::new_spinner();
-    bar.set_message("meshing the phantom");
-    bar.tick();
+    let experimenter = Experimenter::begin(&args.output)?;
+    experimenter.tell("meshing the phantom");
     let mut meshes = phantom_kidneys(&CELLS_MM).map_err(Failure::job)?;
     meshes.extend(given);
     let mut strokes = Vec::new();
@@ -154,15 +162,11 @@ fn cut(args: &CutStudyArgs) -> Result<(), Failure> {
         strokes = vec![Stroke::Straight, Stroke::S];
     }
     let plan = Plan::new(meshes, strokes, args.seed);
-    bar.set_length((plan.combinations().len() + plan.sweep_combinations().len()) as u64);
+    experimenter.bar.set_length((plan.combinations().len() + plan.sweep_combinations().len()) as u64);
     if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} cuts {elapsed}, {eta} left") {
-        bar.set_style(style);
+        experimenter.bar.set_style(style);
     }
-    let study: Study = conduct(plan, || bar.inc(1));
-    study.write(folder.path()).map_err(Failure::job)?;
-    bar.finish_and_clear();
-    let out = folder.finish().map_err(|e| Failure::job(named(e)))?;
-    println!("{} cuts of {} meshes", study.runs.len() + study.sweep.len(), study.plan.meshes.len());
-    println!("{}", out.join("index.html").display());
-    Ok(())
+    let study: Study = conduct(plan, || experimenter.bar.inc(1));
+    let done = format!("{} cuts of {} meshes", study.runs.len() + study.sweep.len(), study.plan.meshes.len());
+    experimenter.finish(&done, |folder| study.write(folder))
 }

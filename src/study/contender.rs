@@ -3,7 +3,8 @@
 use bevy_math::Vec3;
 use keyhole_tetmesh::TetMesh;
 use keyhole_tissue::{
-    Body, Constraints, Hold, MaterialError, ModelState, TeschnerSettings, TissueModel, TissueSettings, VbdSettings, XpbdSettings,
+    Body, Constraints, Hold, MaterialError, ModelState, TeschnerSettings, TimeStepping, TissueModel, TissueSettings, VbdSettings,
+    XpbdSettings,
 };
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 use std::time::Instant;
@@ -14,34 +15,36 @@ pub const TICK_S: f32 = 1.0 / 60.0;
 /// A model with its settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contender {
-    /// The model.
-    pub model: TissueModel,
-    /// Substeps of [`TissueModel::Implicit`].
-    pub substeps: u32,
+    /// How it is stepped. Drag is that of the body it steps.
+    pub settings: TissueSettings,
 }
 
 impl Contender {
-    /// The simulator's own model with these substeps.
+    /// The simulator's own model with these substeps and this tolerance.
     #[must_use]
-    pub fn implicit(substeps: u32) -> Self {
-        Self { model: TissueModel::Implicit, substeps }
+    pub fn implicit(substeps: u32, tolerance: f32) -> Self {
+        Self { settings: TissueSettings { substeps, tolerance, ..Self::default_of_the_simulator().settings } }
     }
 
     /// The simulator's default.
     #[must_use]
     pub fn default_of_the_simulator() -> Self {
-        let settings = TissueSettings::default();
-        Self { model: settings.model, substeps: settings.substeps }
+        Self { settings: TissueSettings { sleep: false, ..TissueSettings::default() } }
     }
 
     fn of(model: TissueModel) -> Self {
-        Self { model, substeps: TissueSettings::default().substeps }
+        Self { settings: TissueSettings { model, ..Self::default_of_the_simulator().settings } }
     }
 
     /// All that the trade study compares.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let mut all: Vec<Self> = [1, 2, 4].map(Self::implicit).into();
+        let mut all: Vec<Self> =
+            [(1, 0.5), (1, 0.1), (1, 0.01), (2, 0.1), (4, 0.01)].map(|(n, tolerance)| Self::implicit(n, tolerance)).into();
+        let two_steps = |(n, tolerance)| Self {
+            settings: TissueSettings { stepping: TimeStepping::TwoSteps, ..Self::implicit(n, tolerance).settings },
+        };
+        all.extend([(1, 0.5), (1, 0.1), (2, 0.1)].map(two_steps));
         let own = Self::default_of_the_simulator();
         if !all.contains(&own) {
             all.push(own);
@@ -71,18 +74,27 @@ impl Contender {
     /// The model's name.
     #[must_use]
     pub fn name(&self) -> &'static str {
-        self.model.name()
+        self.settings.model.name()
     }
 
-    /// Its settings in short: substeps, or substeps x iterations.
+    /// Its settings in short: substeps and tolerance, substeps, or substeps x iterations.
     #[must_use]
     pub fn setting(&self) -> String {
-        match self.model {
-            TissueModel::Implicit => self.substeps.to_string(),
+        match self.settings.model {
+            TissueModel::Implicit => {
+                let steps = if self.settings.stepping == TimeStepping::TwoSteps { ", two steps" } else { "" };
+                format!("{} to {}{steps}", self.settings.substeps, self.settings.tolerance)
+            }
             TissueModel::Xpbd(s) => s.substeps.to_string(),
             TissueModel::Vbd(s) => format!("{} x {}", s.substeps, s.iterations),
             TissueModel::Teschner(s) => format!("{} of the limit", s.part_of_limit),
         }
+    }
+
+    /// Both.
+    #[must_use]
+    pub fn full_name(&self) -> String {
+        format!("{} {}", self.name(), self.setting())
     }
 }
 
@@ -107,9 +119,8 @@ impl Bout {
     /// When a material is none.
     pub fn new(contender: &Contender, mesh: &TetMesh, materials: &OrganMaterials, drag_1_s: f32) -> Result<Self, MaterialError> {
         let body = Body::new(mesh, materials)?;
-        let model = ModelState::new(contender.model, None, &body, mesh, materials)?;
-        let settings =
-            TissueSettings { model: contender.model, substeps: contender.substeps, drag_1_s, sleep: false, ..TissueSettings::default() };
+        let settings = TissueSettings { drag_1_s, sleep: false, ..contender.settings };
+        let model = ModelState::new(settings.model, settings.capsule, &body, mesh, materials)?;
         Ok(Self { body, model, state: TissueState::at_rest(mesh), settings, ticks_s: Vec::new() })
     }
 

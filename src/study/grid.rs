@@ -1,7 +1,7 @@
 //! A grid of panels with lines.
 
 use crate::study::StudyError;
-use crate::study::svg::{Canvas, Drawing, Drawn, FONT, svg};
+use crate::study::svg::{COLOURS, Canvas, Drawing, Drawn, FONT, extent, number, svg};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -9,16 +9,6 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 const PANEL: (u32, u32) = (430, 260);
 /// Height of title and legend, pixels.
 const HEAD: u32 = 80;
-/// Okabe and Ito's colours, which all readers can tell apart.
-const COLOURS: [RGBColor; 6] = [
-    RGBColor(213, 94, 0),
-    RGBColor(0, 114, 178),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(230, 159, 0),
-    RGBColor(86, 180, 233),
-];
-
 /// A line of a panel.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Line {
@@ -87,11 +77,7 @@ fn draw_head(head: &Canvas, grid: &Grid) -> Drawn {
 
 /// The least and the greatest value with a little room; a decade's part on a logarithmic axis.
 fn range(values: impl Iterator<Item = f64>, log: bool) -> (f64, f64) {
-    let fit = values.filter(|v| v.is_finite() && (!log || *v > 0.0));
-    let (low, high) = fit.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-    if low > high {
-        return (if log { 0.1 } else { 0.0 }, 1.0);
-    }
+    let Some((low, high)) = extent(values, log) else { return (if log { 0.1 } else { 0.0 }, 1.0) };
     if log {
         return (low / 1.15, high * 1.15);
     }
@@ -142,16 +128,6 @@ fn draw_panel(area: &Canvas, title: &str, x: &str, row: &Row, every: impl Iterat
     Ok(())
 }
 
-/// Three digits, no more than are needed.
-fn number(v: f64) -> String {
-    if v == 0.0 {
-        return "0".into();
-    }
-    let digits = (2 - v.abs().log10().floor() as i32).clamp(0, 6) as usize;
-    let text = format!("{v:.digits$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -168,10 +144,5 @@ mod tests {
             let (a, b) = range([5.0].into_iter(), false);
             a < 5.0 && b > 5.0
         });
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        assert_eq!([0.0, 1.0, 0.25, 1234.5, 0.001234, -2.5].map(number), ["0", "1", "0.25", "1234", "0.00123", "-2.5"]);
     }
 }

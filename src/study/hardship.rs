@@ -39,7 +39,7 @@ pub enum Hardship {
     FastTool,
     /// A hundred strokes of a blade while it hangs.
     Cuts,
-    /// A minute at rest under its weight.
+    /// An hour at rest under its weight.
     LongRest,
 }
 
@@ -76,7 +76,7 @@ impl Hardship {
             Self::Pulled => "pulled to 10 x".into(),
             Self::FastTool => "tool at 10 m/s".into(),
             Self::Cuts => "a hundred cuts".into(),
-            Self::LongRest => "a minute at rest".into(),
+            Self::LongRest => "an hour at rest".into(),
         }
     }
 
@@ -84,11 +84,21 @@ impl Hardship {
     #[must_use]
     pub fn seconds(&self) -> f32 {
         match self {
-            Self::LongRest => 60.0,
-            Self::Cuts => 7.0,
+            Self::LongRest => 3600.0,
+            Self::Cuts => 3.5,
             Self::Pulled => 5.0,
             Self::Tick(dt) if *dt < 1e-3 => 1.0,
             _ => 4.0,
+        }
+    }
+
+    /// How many times as long as others it may take by the clock.
+    #[must_use]
+    pub fn patience(&self) -> f64 {
+        match self {
+            Self::LongRest => 10.0,
+            Self::Cuts => 20.0,
+            _ => 1.0,
         }
     }
 

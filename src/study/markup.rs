@@ -8,7 +8,7 @@ const STYLE: &str = "body{font:16px/1.45 system-ui,sans-serif;max-width:1100px;m
 table{border-collapse:collapse;margin:1em 0;font-size:14px;font-variant-numeric:tabular-nums}\
 td,th{border:1px solid #ccc;padding:.25em .6em;text-align:right}td:first-child,th:first-child{text-align:left}th{background:#f3f3f3}\
 img{width:100%;border:1px solid #ddd}figure{margin:1.5em 0}figcaption{font-size:14px;color:#444}\
-.yes{color:#06703f;font-weight:600}.no{color:#a33000;font-weight:600}details{margin:1em 0}summary{cursor:pointer}";
+.yes{color:#06703f;font-weight:600}.no{color:#a33000;font-weight:600}.wide{overflow-x:auto}details{margin:1em 0}summary{cursor:pointer}";
 
 /// A page of the study.
 pub(crate) fn frame(title: &str, body: &Markup) -> String {

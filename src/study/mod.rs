@@ -5,12 +5,14 @@
 //! [`claims`] and [`thresholds`] compare them with the paper and with each other; [`tables`], [`plots`], [`picture`] and [`page`] are what is left in the folder. Nothing here
 //! knows the engine.
 //!
-//! [`trade`] says what each soft-tissue model ([`contender`]) costs and how right it is on bodies whose answer is known ([`specimen`], [`filmed`]);
+//! [`trade`] says what each soft-tissue model ([`contender`]) costs and how right it is on bodies whose answer is known ([`specimen`], [`film`], [`filmed`], [`refinement`]);
 //! [`stability`] what each survives ([`hardship`]).
 
 pub mod claims;
 pub mod contender;
+pub mod film;
 pub mod filmed;
+mod filmed_page;
 mod grid;
 pub mod hardship;
 mod markup;
@@ -19,6 +21,7 @@ pub mod page;
 pub mod picture;
 pub mod plan;
 pub mod plots;
+pub mod refinement;
 pub mod run;
 mod scatter;
 mod solid_picture;

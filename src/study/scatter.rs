@@ -1,26 +1,17 @@
 //! A plot of points on two logarithmic axes with a line through some of them.
 
 use crate::study::StudyError;
-use crate::study::svg::{Drawing, FONT, svg};
+use crate::study::svg::{COLOURS, Drawing, FONT, extent, number, svg};
 use plotters::prelude::*;
 
 const SIZE: (u32, u32) = (1000, 620);
-/// Okabe and Ito's colours, which all readers can tell apart.
-const COLOURS: [RGBColor; 7] = [
-    RGBColor(213, 94, 0),
-    RGBColor(0, 114, 178),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(230, 159, 0),
-    RGBColor(86, 180, 233),
-    RGBColor(0, 0, 0),
-];
-
 /// A point.
 pub(crate) struct Dot {
     pub at: (f64, f64),
     pub colour: usize,
     pub label: String,
+    /// Whether it is to stand out: with a ring around it.
+    pub ringed: bool,
 }
 
 /// A plot.
@@ -30,16 +21,15 @@ pub(crate) struct Scatter<'a> {
     pub x: &'a str,
     pub y: &'a str,
     pub legend: Vec<String>,
+    /// What a ring says.
+    pub ring: &'a str,
     pub dots: Vec<Dot>,
     pub line: Vec<(f64, f64)>,
 }
 
 /// Full decades around some values.
 fn decades(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    let (low, high) = values.filter(|v| v.is_finite() && *v > 0.0).fold((f64::INFINITY, 0.0_f64), |(a, b), v| (a.min(v), b.max(v)));
-    if low > high {
-        return (0.1, 1.0);
-    }
+    let Some((low, high)) = extent(values, true) else { return (0.1, 1.0) };
     let (low, high) = (low.log10().floor(), (high * 1.02).log10().ceil());
     (10_f64.powf(low), 10_f64.powf(high.max(low + 1.0)))
 }
@@ -55,13 +45,12 @@ pub(crate) fn draw(plot: &Scatter) -> Result<Drawing, StudyError> {
             .x_label_area_size(44)
             .y_label_area_size(76)
             .build_cartesian_2d((x.0..x.1).log_scale(), (y.0..y.1).log_scale())?;
-        let short = |v: &f64| format!("{v:e}");
         chart
             .configure_mesh()
             .x_desc(plot.x)
             .y_desc(plot.y)
-            .x_label_formatter(&short)
-            .y_label_formatter(&short)
+            .x_label_formatter(&|v| number(*v))
+            .y_label_formatter(&|v| format!("{} %", number(*v * 100.0)))
             .label_style((FONT, 13))
             .draw()?;
         chart.draw_series(LineSeries::new(plot.line.iter().copied(), RGBColor(120, 120, 120).stroke_width(2)))?;
@@ -71,7 +60,14 @@ pub(crate) fn draw(plot: &Scatter) -> Result<Drawing, StudyError> {
                 + Circle::new((0, 0), 5, colour.filled())
                 + Text::new(dot.label.clone(), (7, -14), (FONT, 12).into_font().color(&colour));
             chart.draw_series(std::iter::once(mark))?;
+            if dot.ringed {
+                let ring = EmptyElement::at(dot.at) + Circle::new((0, 0), 10, BLACK.stroke_width(2));
+                chart.draw_series(std::iter::once(ring))?;
+            }
         }
+        let (left, top) = (SIZE.0 as i32 - 160, 60 + 22 * plot.legend.len() as i32 + 8);
+        canvas.draw(&Circle::new((left, top + 7), 8, BLACK.stroke_width(2)))?;
+        canvas.draw(&Text::new(plot.ring.to_owned(), (left + 12, top), (FONT, 14).into_font()))?;
         for (i, name) in plot.legend.iter().enumerate() {
             let (left, top) = (SIZE.0 as i32 - 160, 60 + 22 * i as i32);
             canvas.draw(&Circle::new((left, top + 7), 5, COLOURS[i % COLOURS.len()].filled()))?;

@@ -7,13 +7,13 @@ use keyhole_tetmesh::{Boundary, TetMesh};
 use plotters::prelude::*;
 
 const PANEL: (u32, u32) = (420, 300);
-const HEAD: i32 = 34;
+const HEAD: i32 = 46;
 /// Panels side by side.
 const ROW: usize = 3;
 
 /// A body as it was left.
 pub(crate) struct Still<'a> {
-    pub title: String,
+    pub title: [String; 2],
     pub mesh: &'a TetMesh,
     pub positions: &'a [Vec3],
 }
@@ -23,7 +23,9 @@ pub(crate) fn draw(name: &str, caption: &str, stills: &[Still]) -> Result<Drawin
     let rows = stills.len().div_ceil(ROW).max(1) as u32;
     let text = svg(name, (PANEL.0 * ROW as u32, PANEL.1 * rows), |canvas| {
         for (panel, still) in canvas.split_evenly((rows as usize, ROW)).iter().zip(stills) {
-            panel.draw(&Text::new(still.title.clone(), (10, 8), (FONT, 15).into_font()))?;
+            for (line, size, top) in [(&still.title[0], 15, 8), (&still.title[1], 13, 26)] {
+                panel.draw(&Text::new(line.clone(), (10, top), (FONT, size).into_font()))?;
+            }
             for (points, colour) in faces(still) {
                 panel.draw(&Polygon::new(points.to_vec(), colour.filled()))?;
                 let outline = vec![points[0], points[1], points[2], points[0]];

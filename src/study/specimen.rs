@@ -8,7 +8,7 @@ use bevy_math::{DVec3, Vec3};
 use keyhole_imaging::ImagingError;
 use keyhole_tetmesh::{Boundary, NodeId, TetMesh};
 use keyhole_tissue::beam::{block, fix};
-use keyhole_tissue::reference::{Problem, ReferenceError, Statics, equilibrium};
+use keyhole_tissue::reference::{Problem, ReferenceError, Statics, VolumeChange, equilibrium};
 use keyhole_tissue::{Hold, NeoHookean};
 use keyhole_whiteboard::{OrganMaterial, OrganMaterials};
 use smallvec::smallvec;
@@ -113,6 +113,8 @@ pub struct Specimen {
     pub fixed: Vec<(NodeId, DVec3)>,
     /// Forces on nodes, N.
     pub forces: Vec<(NodeId, DVec3)>,
+    /// Where the forces are those of a pressure on the surface: the same ones, half way between two nodes, N.
+    pub pressed: Vec<([NodeId; 2], DVec3)>,
     /// m/s2.
     pub gravity: DVec3,
     /// Drag that brings it to rest soon, 1/s.
@@ -149,18 +151,37 @@ impl Specimen {
         Ok((problem, loads))
     }
 
-    /// Where the reference comes to rest: positions by node slot, m.
+    /// The same in ten-node elements.
+    ///
+    /// # Errors
+    /// When a material is none.
+    pub fn quadratic(&self, change: VolumeChange) -> Result<(Problem, Vec<DVec3>), ReferenceError> {
+        let problem = Problem::quadratic(&self.mesh, &self.materials, |n| self.fixed.iter().any(|(f, _)| *f == n), change)?;
+        let mut loads = problem.weights(self.gravity);
+        for ([a, b], force) in &self.pressed {
+            if let Some(middle) = problem.middle(*a, *b) {
+                loads[middle] += *force;
+            }
+        }
+        if self.pressed.is_empty() {
+            for (node, force) in &self.forces {
+                loads[node.index()] += *force;
+            }
+        }
+        Ok((problem, loads))
+    }
+
+    /// Where a body of [`Self::problem`] or [`Self::quadratic`] comes to rest: positions by node slot, m.
     ///
     /// # Errors
     /// When there is no equilibrium.
-    pub fn reference(&self) -> Result<Vec<DVec3>, ReferenceError> {
-        let (problem, loads) = self.problem()?;
+    pub fn rest(&self, (problem, loads): &(Problem, Vec<DVec3>)) -> Result<Vec<DVec3>, ReferenceError> {
         let mut start = problem.rest.clone();
         for (node, place) in &self.fixed {
             start[node.index()] = *place;
         }
         let settings = Statics { load_steps: if self.case == Case::Uniaxial { 8 } else { 3 }, ..Statics::default() };
-        equilibrium(&problem, &start, &loads, settings)
+        equilibrium(problem, &start, loads, settings)
     }
 
     /// The answer of displaced positions, by node slot, m.
@@ -222,18 +243,40 @@ fn clamped(mesh: &TetMesh) -> Vec<(NodeId, DVec3)> {
     at(mesh, |p| p.x == 0.0).into_iter().map(|n| (n, mesh.rest(n))).collect()
 }
 
-/// A third of the area of the surface triangles around each node for which all three nodes are among some, m2.
-fn areas(mesh: &TetMesh, among: impl Fn(DVec3) -> bool) -> Vec<(NodeId, f64)> {
-    let mut areas = vec![0.0; mesh.node_slots()];
+/// A pressure (N/m2, as a vector) on the surface triangles whose three nodes are all among some: the forces half way along their edges, which is exact for what is
+/// linear on each triangle.
+fn press(mesh: &TetMesh, among: impl Fn(DVec3) -> bool, pressure: impl Fn(DVec3) -> DVec3) -> Vec<([NodeId; 2], DVec3)> {
+    let mut pressed = Vec::new();
     for t in Boundary::of(mesh).triangles {
         let [a, b, c] = t.map(|n| mesh.rest(n));
         if [a, b, c].into_iter().all(&among) {
-            for n in t {
-                areas[n.index()] += (b - a).cross(c - a).length() / 6.0;
+            let third = (b - a).cross(c - a).length() / 6.0;
+            for (m, n) in [(0, 1), (1, 2), (2, 0)] {
+                let force = pressure((mesh.rest(t[m]) + mesh.rest(t[n])) / 2.0) * third;
+                if force != DVec3::ZERO {
+                    pressed.push(([t[m], t[n]], force));
+                }
             }
         }
     }
-    mesh.nodes().filter(|n| areas[n.index()] > 0.0).map(|n| (n, areas[n.index()])).collect()
+    pressed
+}
+
+/// Scales forces so that their sum along a direction is as wanted.
+fn scale(pressed: &mut [([NodeId; 2], DVec3)], along: DVec3, wanted: f64) {
+    let given: f64 = pressed.iter().map(|(_, f)| f.dot(along)).sum();
+    pressed.iter_mut().for_each(|(_, f)| *f *= wanted / given);
+}
+
+/// What linear elements make of forces half way between nodes: half for each end.
+fn on_nodes(mesh: &TetMesh, pressed: &[([NodeId; 2], DVec3)]) -> Vec<(NodeId, DVec3)> {
+    let mut forces = vec![DVec3::ZERO; mesh.node_slots()];
+    for (ends, force) in pressed {
+        for n in ends {
+            forces[n.index()] += *force / 2.0;
+        }
+    }
+    mesh.nodes().filter(|n| forces[n.index()] != DVec3::ZERO).map(|n| (n, forces[n.index()])).collect()
 }
 
 fn cantilever(m: u32) -> Specimen {
@@ -248,6 +291,7 @@ fn cantilever(m: u32) -> Specimen {
         case: Case::Cantilever,
         fixed: clamped(&mesh),
         forces: Vec::new(),
+        pressed: Vec::new(),
         gravity: DVec3::new(0.0, -9.81, 0.0),
         materials: soft(),
         drag_1_s: DRAG_1_S,
@@ -275,6 +319,7 @@ fn torsion(m: u32) -> Specimen {
         case: Case::Torsion,
         fixed: clamped(&mesh),
         forces,
+        pressed: Vec::new(),
         gravity: DVec3::ZERO,
         materials: soft(),
         drag_1_s: DRAG_1_S,
@@ -297,17 +342,19 @@ fn uniaxial(m: u32) -> Specimen {
     let middle = side / 2.0;
     let place = |p: DVec3| DVec3::new(p.x, middle + (p.y - middle) * narrow, middle + (p.z - middle) * narrow);
     let fixed = at(&mesh, |p| p.x == 0.0).into_iter().map(|n| (n, place(mesh.rest(n)))).collect();
-    let end = areas(&mesh, |p| p.x > length - 1e-9);
+    let end = |p: DVec3| p.x > length - 1e-9;
+    let pressed = press(&mesh, end, |_| DVec3::X * nominal);
     Specimen {
         case: Case::Uniaxial,
         fixed,
-        forces: end.iter().map(|(n, a)| (*n, DVec3::X * (a * nominal))).collect(),
+        forces: on_nodes(&mesh, &pressed),
+        pressed,
         gravity: DVec3::ZERO,
         materials,
         drag_1_s: DRAG_1_S,
         closed_form: Some(stretch),
         edge_m: side / f64::from(m),
-        answer: Answer::Stretch { nodes: end.iter().map(|(n, _)| *n).collect(), length },
+        answer: Answer::Stretch { nodes: at(&mesh, end), length },
         mesh,
     }
 }
@@ -318,22 +365,17 @@ fn indentation(m: u32) -> Specimen {
     let (width, height, radius, peak) = (0.08, 0.04, 0.016, 1500.0);
     let mesh = block([m, m / 2, m], [width, height, width]);
     let centre = DVec3::new(width / 2.0, height, width / 2.0);
-    let top = areas(&mesh, |p| p.y > height - 1e-9);
-    let push = |(n, a): &(NodeId, f64)| {
-        let part = 1.0 - (mesh.rest(*n) - centre).length_squared() / (radius * radius);
-        (part > 0.0).then(|| (*n, DVec3::Y * (-peak * part.sqrt() * a)))
-    };
-    let mut forces: Vec<(NodeId, DVec3)> = top.iter().filter_map(push).collect();
+    let pressure = |p: DVec3| DVec3::NEG_Y * (peak * (1.0 - (p - centre).length_squared() / (radius * radius)).max(0.0).sqrt());
+    let mut pressed = press(&mesh, |p| p.y > height - 1e-9, pressure);
     // The same force in all whatever the nodes are: 2/3 pi a^2 p0.
-    let wanted = 2.0 / 3.0 * std::f64::consts::PI * radius * radius * peak;
-    let given: f64 = -forces.iter().map(|(_, f)| f.y).sum::<f64>();
-    forces.iter_mut().for_each(|(_, f)| *f *= wanted / given);
+    scale(&mut pressed, DVec3::NEG_Y, 2.0 / 3.0 * std::f64::consts::PI * radius * radius * peak);
     let under = at(&mesh, |p| p.distance(centre) < 1e-9);
     let fixed = at(&mesh, |p| p.y == 0.0).into_iter().map(|n| (n, mesh.rest(n))).collect();
     Specimen {
         case: Case::Indentation,
         fixed,
-        forces,
+        forces: on_nodes(&mesh, &pressed),
+        pressed,
         gravity: DVec3::ZERO,
         materials: soft(),
         drag_1_s: DRAG_1_S,
@@ -358,21 +400,23 @@ fn kidney(cell_tenths_mm: u32) -> Result<Specimen, ImagingError> {
     };
     let fixed: Vec<_> = at(&mesh, |p| p[axis] < low[axis] + 0.2 * size[axis]).into_iter().map(|n| (n, mesh.rest(n))).collect();
     let tip = mesh.nodes().max_by(|a, b| mesh.rest(*a)[axis].total_cmp(&mesh.rest(*b)[axis])).map_or(DVec3::ZERO, |n| mesh.rest(n));
-    let patch = areas(&mesh, |p| p.distance(tip) < 0.2 * size[axis]);
-    let total: f64 = patch.iter().map(|(_, a)| a).sum();
     let mut pull = DVec3::ZERO;
     pull[axis] = 0.3;
     pull.y -= 0.25;
+    let mut pressed = press(&mesh, |p| p.distance(tip) < 0.2 * size[axis], |_| pull);
+    scale(&mut pressed, pull.normalize(), pull.length());
+    let forces = on_nodes(&mesh, &pressed);
     Ok(Specimen {
         case: Case::Kidney,
         fixed,
-        forces: patch.iter().map(|(n, a)| (*n, pull * (a / total))).collect(),
+        pressed,
         gravity: DVec3::new(0.0, -9.81, 0.0),
         materials: OrganMaterials(vec![OrganMaterial::default()]),
         drag_1_s: DRAG_1_S,
         closed_form: None,
         edge_m: f64::from(cell_tenths_mm) * 1e-4,
-        answer: Answer::Mean { nodes: patch.iter().map(|(n, _)| *n).collect(), along: DVec3::NEG_Y, factor: 1e3 },
+        answer: Answer::Mean { nodes: forces.iter().map(|(n, _)| *n).collect(), along: DVec3::NEG_Y, factor: 1e3 },
+        forces,
         mesh,
     })
 }

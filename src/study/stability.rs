@@ -1,8 +1,8 @@
 //! `keyhole study stability`: what each soft-tissue model survives, how far from its rest shape it is left, and how long it takes to come back.
 //!
-//! *Survived* is: no number left the finite ones, and the kinetic and elastic energy at the end is not above what there was at the beginning, what a tool did and what
-//! the weight gave by falling, by more than half. A run that would take longer than is
-//! borne is stopped and says how far it came.
+//! *Survived* is: no number left the finite ones, with nothing that puts broken states back, and the kinetic and elastic energy at the end is not above what there was at
+//! the beginning, what a tool did and what the weight gave by falling, by more than half. *Back* is apart from it: whether the body came to its rest shape, and when. A
+//! run that would take longer than is borne is stopped: it has not survived, and says how far it came.
 //!
 //! The explicit model's largest step is predicted as `2 / omega_max`, of its own springs and of the continuum ([`crate::study::stable_step`]), and measured by halving.
 
@@ -35,6 +35,8 @@ pub struct Ordeal {
     pub contender: Contender,
     /// Whether it survived.
     pub survived: bool,
+    /// Whether it came to its end in the time that is borne, or broke before.
+    pub finished: bool,
     /// First simulated time with a number that is not finite, s.
     pub broke_s: Option<f32>,
     /// Largest kinetic and elastic energy at the end by what it may have; below 1 is bounded.
@@ -64,7 +66,7 @@ pub struct StepLimit {
     pub measured_s: f64,
 }
 
-/// Runs one; longer than `patience_s` by the clock it is stopped.
+/// Runs one; longer than `patience_s` by the clock, times what the hardship is given more, it is stopped.
 #[must_use]
 pub fn endure(hardship: Hardship, contender: &Contender, patience_s: f64) -> Option<Ordeal> {
     let (mesh, materials) = hardship.body();
@@ -105,7 +107,7 @@ pub fn endure(hardship: Hardship, contender: &Contender, patience_s: f64) -> Opt
         if off(&now, &bout.state) > BACK {
             last_away = t;
         }
-        if begin.elapsed().as_secs_f64() > patience_s {
+        if begin.elapsed().as_secs_f64() > patience_s * hardship.patience() {
             break;
         }
     }
@@ -118,10 +120,12 @@ pub fn endure(hardship: Hardship, contender: &Contender, patience_s: f64) -> Opt
     let floor = f64::from(materials.0[0].young_modulus_pa) * now.total_volume() * 1e-6;
     let energy = if broke_s.is_some() { f64::INFINITY } else { energy(&bout.body, &bout.state) / allowed.max(floor) };
     let away = if broke_s.is_some() { f64::INFINITY } else { off(&now, &bout.state) };
+    let finished = simulated_s > hardship.seconds() - 1.5 * dt;
     Some(Ordeal {
         hardship,
         contender: *contender,
-        survived: broke_s.is_none() && energy <= 1.0,
+        survived: broke_s.is_none() && energy <= 1.0 && finished,
+        finished: finished || broke_s.is_some(),
         broke_s,
         energy,
         off: hardship.has_rest_shape().then_some(away),

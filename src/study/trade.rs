@@ -1,13 +1,15 @@
 //! `keyhole study trade`: what a soft-tissue model costs and how right it is, for every model, its settings and several meshes.
 //!
 //! A run drops the loads on the body at once and lets it come to rest by drag. Its *error* is that of the answer (see [`Case::answer`]) against the reference
-//! on the same mesh: what the model makes of it. Its *total error* is that against the closed form, or else against what the reference's stiffness tends
-//! to as elements get small: what mesh and model make of it together. *Swing* is the time of the first turn of the dropped beam, without drag, against the reference's.
+//! on the same mesh: what the model makes of it. Its *total error* is that against the closed form, or else against the reference in ten-node elements on the finest
+//! mesh: what mesh and model make of it together. *Way* is the largest distance of the beam's tip from the reference's way in the quarter of a second after the
+//! load was dropped on it, without drag, as a part of its sag at rest; *swing* the time of its first turn against the reference's.
 
 use crate::study::contender::{Bout, Contender, TICK_S};
 use crate::study::specimen::{Case, Specimen};
 use keyhole_imaging::ImagingError;
-use keyhole_tissue::reference::{Dynamics, ReferenceError};
+use keyhole_tissue::TissueSettings;
+use keyhole_tissue::reference::{Dynamics, ReferenceError, VolumeChange};
 
 /// What a study of the trade is about.
 #[derive(Clone, Debug)]
@@ -53,9 +55,11 @@ pub struct Bench {
     pub tets: usize,
     /// The answer of the reference on this mesh.
     pub reference: f64,
-    /// Time of the reference's first turn, s.
+    /// The reference's way after the load was dropped, tick by tick, where it is looked at.
+    pub way: Option<Vec<f64>>,
+    /// Time of its first turn, s.
     pub swing_s: Option<f64>,
-    /// The closed form, or what the reference tends to.
+    /// The closed form, or the reference in ten-node elements: on the finest mesh, of the kidney on the same one, whose shape is its own.
     pub truth: f64,
     /// Whether the truth is a closed form.
     pub is_closed: bool,
@@ -78,6 +82,8 @@ pub struct TradeRun {
     pub total_error: f64,
     /// Root mean square of the distance from the reference's place, over all nodes, as a part of their way.
     pub shape_error: f64,
+    /// Largest distance from the reference's way, as a part of its sag; infinite when it left the finite numbers.
+    pub way_error: Option<f64>,
     /// Time of the first turn against the reference's, less one.
     pub swing_error: Option<f64>,
 }
@@ -108,46 +114,54 @@ const WATCHED_S: f64 = 0.25;
 pub fn conduct(plan: &TradePlan, mut done: impl FnMut(&str)) -> Result<Trade, TradeError> {
     let mut trade = Trade { benches: Vec::new(), runs: Vec::new() };
     for (case, count) in &plan.cases {
-        let specimens = case.sizes().iter().map(|s| case.specimen(*s)).collect::<Result<Vec<_>, _>>()?;
-        // The reference sees one mesh more than the models, for what it tends to.
-        let seen = specimens.iter().take(count + 1).collect::<Vec<_>>();
-        let solved = seen
-            .iter()
-            .map(|s| {
-                done(&format!("{}, reference, {} tets", case.name(), s.mesh.tet_count()));
-                s.reference().map_err(|source| TradeError::Reference { case: case.name(), tets: s.mesh.tet_count(), source })
-            })
-            .collect::<Result<Vec<_>, _>>()?;
-        let answers: Vec<f64> = seen.iter().zip(&solved).map(|(s, x)| s.ask(|n| x[n.index()])).collect();
-        let closed = specimens[0].closed_form;
-        let truth = closed.unwrap_or_else(|| limit(&seen, &answers));
-        for ((specimen, x), reference) in seen.iter().zip(&solved).zip(&answers).take(*count) {
+        let specimens = case.sizes().iter().take(*count).map(|s| case.specimen(*s)).collect::<Result<Vec<_>, _>>()?;
+        let failed = |s: &Specimen, source| TradeError::Reference { case: case.name(), tets: s.mesh.tet_count(), source };
+        let (mut common, mut truths) = (None, Vec::new());
+        for specimen in specimens.iter().rev() {
+            // Of the finest mesh first: what the others are measured by as well.
+            let own_shape = *case == Case::Kidney;
+            if specimen.closed_form.is_none() && (common.is_none() || own_shape) {
+                done(&format!("{}, reference in ten-node elements, {} tets", case.name(), specimen.mesh.tet_count()));
+            }
+            let truth = match (specimen.closed_form, common) {
+                (Some(closed), _) => closed,
+                (None, Some(truth)) if !own_shape => truth,
+                _ => {
+                    let body = specimen.quadratic(VolumeChange::Pointwise).map_err(|e| failed(specimen, e))?;
+                    let x = specimen.rest(&body).map_err(|e| failed(specimen, e))?;
+                    specimen.ask(|n| x[n.index()])
+                }
+            };
+            common = Some(truth);
+            truths.push(truth);
+        }
+        truths.reverse();
+        for (specimen, truth) in specimens.iter().zip(truths) {
             let tets = specimen.mesh.tet_count();
-            let failed = |source| TradeError::Reference { case: case.name(), tets, source };
-            let swing_s = if specimen.swings() { swing_of_reference(specimen).map_err(failed)? } else { None };
-            trade.benches.push(Bench { case: *case, tets, reference: *reference, swing_s, truth, is_closed: closed.is_some() });
+            done(&format!("{}, reference, {tets} tets", case.name()));
+            let x = specimen.problem().and_then(|p| specimen.rest(&p)).map_err(|e| failed(specimen, e))?;
+            let reference = specimen.ask(|n| x[n.index()]);
+            let way = if specimen.swings() { Some(way_of_reference(specimen).map_err(|e| failed(specimen, e))?) } else { None };
+            let (way, swing_s) = way.unzip();
+            trade.benches.push(Bench {
+                case: *case,
+                tets,
+                reference,
+                way,
+                swing_s: swing_s.flatten(),
+                truth,
+                is_closed: specimen.closed_form.is_some(),
+            });
             let bench = trade.benches.len() - 1;
             for contender in &plan.contenders {
                 done(&format!("{}, {} tets, {} {}", case.name(), tets, contender.name(), contender.setting()));
-                if let Some(run) = run(specimen, contender, x, &trade.benches[bench], bench, plan.patience_s) {
+                if let Some(run) = run(specimen, contender, &x, &trade.benches[bench], bench, plan.patience_s) {
                     trade.runs.push(run);
                 }
             }
         }
     }
     Ok(trade)
-}
-
-/// What the stiffness tends to, with an error of second order in the size of elements; of meshes that are not each other's refinement the finest one's.
-fn limit(seen: &[&Specimen], answers: &[f64]) -> f64 {
-    match (seen, answers) {
-        ([.., a, b], [.., fa, fb]) if a.case != Case::Kidney => {
-            let (ha, hb) = (a.edge_m.powi(2), b.edge_m.powi(2));
-            1.0 / ((ha / fb - hb / fa) / (ha - hb))
-        }
-        (_, [.., last]) => *last,
-        _ => f64::NAN,
-    }
 }
 
 fn run(
@@ -186,7 +200,13 @@ fn run(
     // Of a stretch the part beyond one is what the load did.
     let base = if bench.case == Case::Uniaxial { 1.0 } else { 0.0 };
     let relative = |to: f64| (answer - base) / (to - base) - 1.0;
-    let swing_error = bench.swing_s.and_then(|truth| Some(swing_of(specimen, contender)? / truth - 1.0));
+    let own = bench.way.as_ref().map(|_| way_of(specimen, contender));
+    let way_error = bench.way.as_ref().zip(own.as_ref()).map(|(truth, own)| {
+        let off = |own: &Vec<f64>| own.iter().zip(truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / bench.reference.abs();
+        own.as_ref().map_or(f64::INFINITY, off)
+    });
+    let turn = own.flatten().and_then(|own| first_turn(&own, f64::from(TICK_S)));
+    let swing_error = bench.swing_s.zip(turn).map(|(truth, own)| own / truth - 1.0);
     Some(TradeRun {
         bench: index,
         contender: *contender,
@@ -195,6 +215,7 @@ fn run(
         error: relative(bench.reference),
         total_error: relative(bench.truth),
         shape_error: if finite { specimen.distance(|n| bout.state.position(n), x) } else { f64::NAN },
+        way_error,
         swing_error,
     })
 }
@@ -207,7 +228,8 @@ fn first_turn(samples: &[f64], dt: f64) -> Option<f64> {
     Some(((at + 1) as f64 + (a - c) / (2.0 * (a - 2.0 * b + c))) * dt)
 }
 
-fn swing_of(specimen: &Specimen, contender: &Contender) -> Option<f64> {
+/// Nothing when it leaves the finite numbers.
+fn way_of(specimen: &Specimen, contender: &Contender) -> Option<Vec<f64>> {
     let mut bout = Bout::new(contender, &specimen.mesh, &specimen.materials, 0.0).ok()?;
     let holds = specimen.holds();
     let mut samples = Vec::new();
@@ -218,25 +240,25 @@ fn swing_of(specimen: &Specimen, contender: &Contender) -> Option<f64> {
         }
         samples.push(specimen.ask(|n| bout.state.position(n).as_dvec3()));
     }
-    first_turn(&samples, f64::from(TICK_S))
+    Some(samples)
 }
 
-/// With steps of an eighth of a tick: of a swing of eight ticks that is right to about a thousandth.
-fn swing_of_reference(specimen: &Specimen) -> Result<Option<f64>, ReferenceError> {
+/// Its answer tick by tick, and the time of its first turn. With steps of an eighth of a tick: of a swing of eight ticks that is right to about a thousandth. It has the
+/// default's viscosity, for that is of the tissue, and no drag.
+fn way_of_reference(specimen: &Specimen) -> Result<(Vec<f64>, Option<f64>), ReferenceError> {
+    const STEPS: usize = 8;
     let (problem, _) = specimen.problem()?;
     let start = problem.rest.clone();
     let mut body = Dynamics::new(problem, start)?;
-    body.tolerance = 1e-6;
-    let h = f64::from(TICK_S) / 8.0;
+    (body.tolerance, body.viscosity_s) = (1e-6, f64::from(TissueSettings::default().viscosity_s));
+    let h = f64::from(TICK_S) / STEPS as f64;
     let mut samples = Vec::new();
-    for _ in 0..(WATCHED_S / h) as u32 {
+    for _ in 0..(WATCHED_S / h).round() as u32 {
         body.step(h, specimen.gravity, |_| None)?;
         samples.push(specimen.ask(|n| body.positions[n.index()]));
-        if first_turn(&samples, h).is_some() {
-            break;
-        }
     }
-    Ok(first_turn(&samples, h))
+    let turn = first_turn(&samples, h);
+    Ok((samples.into_iter().skip(STEPS - 1).step_by(STEPS).collect(), turn))
 }
 
 impl Trade {
@@ -254,7 +276,7 @@ impl Trade {
         runs
     }
 
-    /// Largest error of a contender over all meshes, that of its swing as well when asked for; infinite where it did not finish.
+    /// Largest error of a contender at rest over all meshes; infinite where it did not finish.
     #[must_use]
     pub fn worst(&self, contender: &Contender) -> f64 {
         let own: Vec<&TradeRun> = self.runs.iter().filter(|r| r.contender == *contender).collect();
@@ -264,11 +286,10 @@ impl Trade {
         own.iter().map(|r| if r.error.is_finite() { r.error.abs() } else { f64::INFINITY }).fold(0.0, f64::max)
     }
 
-    /// Largest error of a contender's swing; infinite where there was no turn.
+    /// Largest distance of a contender from the reference's way.
     #[must_use]
-    pub fn worst_swing(&self, contender: &Contender) -> f64 {
-        let own = self.runs.iter().filter(|r| r.contender == *contender && self.benches[r.bench].swing_s.is_some());
-        own.map(|r| r.swing_error.map_or(f64::INFINITY, f64::abs)).fold(0.0, f64::max)
+    pub fn worst_way(&self, contender: &Contender) -> f64 {
+        self.runs.iter().filter(|r| r.contender == *contender).filter_map(|r| r.way_error).fold(0.0, f64::max)
     }
 
     /// Geometric mean of a contender's cost over all meshes, s a simulated second.
@@ -290,10 +311,10 @@ impl Trade {
         all
     }
 
-    /// The cheapest contender that is within `error` everywhere, and within `swing` in the time of its first turn.
+    /// The cheapest contender that is within `error` at rest everywhere, and on its way within `way`.
     #[must_use]
-    pub fn cheapest(&self, error: f64, swing: f64) -> Option<Contender> {
-        let fit = |c: &Contender| self.worst(c) <= error && self.worst_swing(c) <= swing;
+    pub fn cheapest(&self, error: f64, way: f64) -> Option<Contender> {
+        let fit = |c: &Contender| self.worst(c) <= error && self.worst_way(c) <= way;
         self.contenders().into_iter().filter(fit).min_by(|a, b| self.mean_cost(a).total_cmp(&self.mean_cost(b)))
     }
 }

@@ -315,7 +315,7 @@ pub enum SceneTissueModel {
     Implicit,
     /// The paper's: springs and volumes, explicit; it takes as many steps as its stability asks for.
     Teschner,
-    /// Extended position-based dynamics, neo-Hookean; wants 20 to 80 substeps.
+    /// Extended position-based dynamics, neo-Hookean.
     Xpbd,
     /// The same with springs and volumes.
     XpbdSprings,
@@ -339,11 +339,12 @@ pub struct SceneCapsule {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SceneTissue {
-    /// Substeps a tick; above 0. Default 1.
-    pub substeps: u32,
+    /// Substeps a tick, 1 to 1000. Default: what suits the model, 1 for Implicit, 40 for Xpbd and XpbdSprings, 4 for Vbd. Teschner takes as many as its stability
+    /// asks for, whatever is said here.
+    pub substeps: Option<u32>,
     /// The model. Default Implicit.
     pub model: SceneTissueModel,
-    /// A capsule; the model Implicit does not have it. Default none.
+    /// A capsule. Default none.
     pub capsule: Option<SceneCapsule>,
     /// Whether the organs' meshes are the shapes in which gravity and what holds them rigidly have left them, as in a scan: the rest shape is then the one that
     /// hangs so. Found when the scene starts, in seconds to a minute an organ. Default no.
@@ -352,7 +353,7 @@ pub struct SceneTissue {
 
 impl Default for SceneTissue {
     fn default() -> Self {
-        Self { substeps: 1, model: SceneTissueModel::default(), capsule: None, prestress: false }
+        Self { substeps: None, model: SceneTissueModel::default(), capsule: None, prestress: false }
     }
 }
 

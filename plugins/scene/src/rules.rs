@@ -119,8 +119,8 @@ impl Rules {
         if !scene.cut.snap.is_finite() || !(0.0..=0.4).contains(&scene.cut.snap) {
             self.say("cut.snap", format!("{} is out of range: expected 0 (never) to 0.4", scene.cut.snap));
         }
-        if !(1..=1000).contains(&scene.tissue.substeps) {
-            self.say("tissue.substeps", format!("{} is out of range: expected 1 to 1000", scene.tissue.substeps));
+        if let Some(substeps) = scene.tissue.substeps.filter(|n| !(1..=1000).contains(n)) {
+            self.say("tissue.substeps", format!("{substeps} is out of range: expected 1 to 1000"));
         }
         if let Some(capsule) = scene.tissue.capsule {
             for (what, value) in [("young_modulus_pa", capsule.young_modulus_pa), ("thickness_mm", capsule.thickness_mm)] {

@@ -289,7 +289,7 @@ fn text(plan: &Plan, name: &str) -> String {
     endoscope: (port: "optic", direction_of_view_deg: 30.0, angle_of_view_deg: 70.0, insertion_m: 0.05),
 
     cut: (method: Hybrid, hull: Minimal, core: Minimal, snap: 0.2),
-    tissue: (substeps: 1),
+    tissue: (model: Implicit),
 
     demonstration: (
         seconds: {seconds:.2},

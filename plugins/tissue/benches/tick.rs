@@ -9,7 +9,7 @@ use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_tissue::adopt::adopt;
 use keyhole_tissue::beam::{GRAVITY, REFERENCE, beam, beam_material, clamp, fix, tip_mm};
 use keyhole_tissue::{
-    Body, Hold, ModelState, Momentum, Solver, TeschnerSettings, TimeStepping, TissueModel, TissueSettings, VbdSettings, XpbdSettings,
+    Body, Hold, ModelState, Momentum, TeschnerSettings, TimeStepping, TissueModel, TissueSettings, VbdSettings, XpbdSettings,
 };
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
@@ -140,12 +140,9 @@ impl Scene {
         let tets = self.mesh.tet_count() as f64;
         let tip = (pool(2).install(|| self.rest(settings)) / reference - 1.0) * 100.0;
         let away = self.way(settings, 60).iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / -reference * 100.0;
-        let name = match settings.solver {
-            Solver::Implicit if settings.stepping == TimeStepping::TwoSteps => {
-                format!("two steps x {} to {}", settings.substeps, settings.tolerance)
-            }
-            Solver::Implicit => format!("implicit x {} to {}", settings.substeps, settings.tolerance),
-            other => format!("{other:?} x {}", settings.substeps),
+        let name = match settings.stepping {
+            TimeStepping::TwoSteps => format!("two steps x {} to {}", settings.substeps, settings.tolerance),
+            TimeStepping::TwoStages => format!("implicit x {} to {}", settings.substeps, settings.tolerance),
         };
         println!(
             "{name:22} cost {:.3} (cpu {:.3}), two threads {:.3}; worst tick {:.1} ms; {:4.1} iterations a tick, {:5.0} ns a tet and tick, {:5.1} ns a \

@@ -4,13 +4,13 @@ use crate::colouring::Colouring;
 use crate::element::Element;
 use crate::graph::EdgeGraph;
 use crate::hold::Hold;
+use crate::implicit;
 use crate::implicit::Implicit;
 use crate::material::{MaterialError, NeoHookean};
 use crate::membrane::Membrane;
-use crate::settings::{Solver, TissueSettings};
+use crate::settings::TissueSettings;
 use crate::sleep::Sleep;
 use crate::xpbd::Xpbd;
-use crate::{implicit, xpbd};
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
@@ -34,6 +34,8 @@ pub struct Body {
     pub(crate) sleep: Sleep,
     /// Constants and density (kg/m3) by material id.
     materials: Vec<(NeoHookean, f64)>,
+    /// Rest position by node slot, m.
+    rest: Vec<Vec3>,
 }
 
 /// Sums over the nodes of a body.
@@ -83,6 +85,7 @@ impl Body {
         // Room to grow, so that the first cuts move no arrays.
         body.elements.reserve(2 * mesh.tet_slots());
         body.masses.reserve(2 * mesh.node_slots());
+        body.rest.reserve(2 * mesh.node_slots());
         body.graph.reserve(2 * mesh.tet_slots());
         body.colouring.reserve(2 * mesh.tet_slots());
         body.elements.resize(mesh.tet_slots(), Element::VACANT);
@@ -111,13 +114,27 @@ impl Body {
         &self.masses
     }
 
+    /// Rest positions by node slot, m.
+    #[must_use]
+    pub(crate) fn rest(&self) -> &[Vec3] {
+        &self.rest
+    }
+
+    /// Hangs a weight of `mass_kg` on a node, which it is from then on heavier by. A topology change that touches the node takes it off.
+    pub fn hang(&mut self, node: NodeId, mass_kg: f32) {
+        if let Some(mass) = self.masses.get_mut(node.index()).filter(|m| **m > 0.0) {
+            *mass += mass_kg;
+        }
+        self.wake();
+    }
+
     /// Elements by colour.
     #[must_use]
     pub fn colouring(&self) -> &Colouring {
         &self.colouring
     }
 
-    /// Steps the body over one tick of `dt` s under gravity (m/s2), unless it sleeps. Nothing here looks whether the result is finite: see [`crate::Guard`].
+    /// Steps the body over one tick of `dt` s under gravity (m/s2) by [`crate::implicit`], unless it sleeps; for all models see [`crate::ModelState::step`]. Nothing here looks whether the result is finite: see [`crate::Guard`].
     pub fn step(&mut self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
         self.step_with(None, state, holds, gravity, dt, settings);
     }
@@ -135,10 +152,7 @@ impl Body {
         if self.is_asleep(state, holds, gravity) {
             return;
         }
-        match settings.solver {
-            Solver::Implicit => implicit::step(self, membrane, state, holds, gravity, dt, settings),
-            Solver::Xpbd => xpbd::step(self, state, holds, gravity, dt, settings),
-        }
+        implicit::step(self, membrane, state, holds, gravity, dt, settings);
         if settings.sleep {
             let mass = self.masses.iter().map(|m| f64::from(*m)).sum();
             let (kinetic, size) = (self.kinetic_energy(state), self.size(mass));
@@ -233,6 +247,10 @@ impl Body {
         around.sort_unstable();
         let mass: f64 = around.iter().map(|t| self.material(mesh, *t).1 * mesh.volume(*t) / 4.0).sum();
         self.masses[node.index()] = mass as f32;
+        if self.rest.len() <= node.index() {
+            self.rest.resize(self.masses.len(), Vec3::ZERO);
+        }
+        self.rest[node.index()] = mesh.rest(node).as_vec3();
     }
 
     /// A length of the body of this mass (kg): the edge of the cube of its volume, m.

@@ -26,9 +26,9 @@ use crate::body::Body;
 use crate::gradients::{Spring, Stop};
 use crate::hold::Hold;
 use crate::membrane::Membrane;
-use crate::newton::{Astray, Care, Newton, Tangent, Tissue};
+use crate::newton::{Astray, Care, Newton, TANGLED, Tangent, Tissue};
+use crate::rescue;
 use crate::settings::{TimeStepping, TissueSettings};
-use crate::{rescue, xpbd};
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_whiteboard::{TissuePoint, TissueState};
 use std::f32::consts::FRAC_1_SQRT_2;
@@ -41,6 +41,12 @@ const STIFF: f32 = 100.0;
 
 /// Root mean square of the displacement, as a share of the body's size, that conjugate gradients do not care about.
 const FINE: f64 = 3e-7;
+
+/// Part of its energy that a body may gain in a substep of several steps of Newton's method, by the error of the method.
+const GAIN: f64 = 0.05;
+
+/// A body that has needed care for so long, s, is not coming out of it by itself: it is rescued as one that is tangled. Ticks without care count half against it.
+const ASTRAY_S: f32 = 0.5;
 
 /// Everything the implicit solver keeps between ticks.
 #[derive(Clone, Debug, Default)]
@@ -56,6 +62,10 @@ pub struct Implicit {
     starts: Vec<(usize, Vec3)>,
     /// Substeps of the last tick that had to be done carefully.
     pub(crate) careful: u32,
+    /// For how long it has needed care, s.
+    astray_s: f32,
+    /// What to go back to.
+    kept: TissueState,
 }
 
 /// The state a substep ago and the one that it led to, by which it is known whether that still is the state.
@@ -137,6 +147,12 @@ pub fn step(
     let n = settings.substeps.max(1);
     solver.starts.clear();
     solver.starts.extend(holds.iter().filter_map(|d| d.fixes().map(|i| (i, state.positions[i]))));
+    if solver.astray_s > ASTRAY_S {
+        rescue::step(body, state, holds, gravity, dt, settings.drag_1_s);
+        (solver.careful, solver.astray_s, solver.past.h) = (1, 0.0, 0.0);
+        body.implicit = solver;
+        return;
+    }
     // One job for the pool: every loop within is split among its threads.
     rayon::scope(|_| {
         for substep in 0..n {
@@ -144,10 +160,11 @@ pub fn step(
             let tissue = Tissue { body, membrane };
             match solver.substep(tissue, state, holds, step, settings) {
                 Ok(()) => {}
-                Err(Astray::Tangled) if substep == 0 => {
+                // Where it would go may be tangled where it is not: then it goes carefully.
+                Err(Astray::Tangled) if substep == 0 && rescue::is_tangled(body, state, TANGLED) => {
                     solver.careful += 1;
                     solver.past.h = 0.0;
-                    xpbd::step(body, state, holds, gravity, dt, &rescue::settings(body, settings));
+                    rescue::step(body, state, holds, gravity, dt, settings.drag_1_s);
                     break;
                 }
                 Err(_) => {
@@ -158,6 +175,7 @@ pub fn step(
             }
         }
     });
+    solver.astray_s = if solver.careful > 0 { solver.astray_s + dt } else { (solver.astray_s - dt / 2.0).max(0.0) };
     body.implicit = solver;
 }
 
@@ -178,22 +196,47 @@ impl Implicit {
                 *with += (*with - Vec3A::from(self.past.before.velocities[i])) / 3.0;
             }
             self.stage(tissue, state, holds, step, stage, settings, Care::Usual, Tangent::Own)?;
-            self.finish(state, holds, step, stage, settings);
-            return Ok(());
+            let doubtful = self.newton.rounds > 1;
+            return self.finish_unless_gained(tissue, state, holds, step, stage, settings, doubtful);
         }
         let length = STAGE * step.h;
         let first = Stage::new(length, 0.0, settings);
         self.begin(state);
         self.stage(tissue, state, holds, step, first, settings, Care::Usual, Tangent::Own)?;
         // Where one step was enough the tangent hardly changes.
-        let kept = if self.newton.rounds == 1 { Tangent::Kept } else { Tangent::Own };
+        let hard = self.newton.rounds > 1;
+        let kept = if hard { Tangent::Own } else { Tangent::Kept };
         let second = Stage { before: step.h - length, ..first };
         for ((from, with), first) in self.from.iter_mut().zip(&mut self.with).zip(&self.velocity) {
             *from += *first * second.before;
             *with += (*first - *with) * (second.before / length);
         }
         self.stage(tissue, state, holds, step, second, settings, Care::Usual, kept)?;
-        self.finish(state, holds, step, second, settings);
+        let doubtful = hard || self.newton.rounds > 1;
+        self.finish_unless_gained(tissue, state, holds, step, second, settings, doubtful)
+    }
+
+    /// Ends a substep; one that is in doubt is taken back when it gave the body energy. What took one step of Newton's method a stage is not in doubt.
+    fn finish_unless_gained(
+        &mut self,
+        tissue: Tissue<'_>,
+        state: &mut TissueState,
+        holds: &[Hold],
+        step: Step,
+        last: Stage,
+        settings: &TissueSettings,
+        doubtful: bool,
+    ) -> Result<(), Astray> {
+        // What is moved is given energy.
+        let doubtful = doubtful && holds.iter().all(|hold| hold.from == hold.to);
+        if doubtful {
+            self.kept.clone_from(state);
+        }
+        self.finish(state, holds, step, last, settings);
+        if doubtful && has_gained(tissue, &self.kept, state, step) {
+            state.clone_from(&self.kept);
+            return Err(Astray::Wild);
+        }
         Ok(())
     }
 
@@ -286,6 +329,20 @@ impl Implicit {
             self.past.h = step.h;
         }
     }
+}
+
+/// Whether a body has more energy than it had before, and than its weight has given it by falling: nothing that stands still gives it any.
+fn has_gained(tissue: Tissue<'_>, before: &TissueState, state: &TissueState, step: Step) -> bool {
+    let body = tissue.body;
+    let energy = |state: &TissueState| {
+        let at = |m: &Membrane| m.energy(&state.positions.iter().map(|x| x.as_dvec3()).collect::<Vec<_>>());
+        body.kinetic_energy(state) + body.elastic_energy(state) + tissue.membrane.map_or(0.0, at)
+    };
+    let fallen = |(m, (x, b)): (&f32, (&Vec3, &Vec3))| f64::from(*m) * f64::from((*x - *b).dot(step.gravity));
+    let moved = state.positions.iter().zip(&before.positions);
+    let work: f64 = body.masses.iter().zip(moved).filter(|(m, _)| **m > 0.0).map(fallen).sum();
+    let had = energy(before);
+    energy(state) > had + work + GAIN * (had + work.abs())
 }
 
 /// The nodes that holds fix, and the velocities that take them to where they belong at the end of a substep, m/s.

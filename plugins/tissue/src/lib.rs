@@ -41,7 +41,7 @@ pub use material::{MaterialError, NeoHookean};
 pub use membrane::{Capsule, Membrane};
 pub use model::{ModelState, TissueModel};
 pub use plugin::{Quarantined, TissueBody, TissuePlugin, TissueReport};
-pub use settings::{Solver, TimeStepping, TissueSettings};
+pub use settings::{TimeStepping, TissueSettings};
 pub use teschner::TeschnerSettings;
 pub use vbd::VbdSettings;
 pub use xpbd::{Constraints, XpbdSettings};

@@ -17,16 +17,33 @@ use keyhole_tetmesh::{TetMesh, TopologyDelta};
 use keyhole_whiteboard::{OrganMaterials, TissueState};
 
 /// A soft-tissue model with its settings.
+///
+/// What each survives is measured by `keyhole study stability`, with default settings, on a clamped beam of 60 x 30 x 30 mm in 270 tetrahedra: Young's modulus 10 Pa to
+/// 1 GPa, Poisson's ratio 0 to 0.4999, ticks of 0.1 to 100 ms, mass ratios to 1e6, gravity to 1000 g, dihedral angles down to 0.01 degrees; all nodes in a plane, on a
+/// line, in a point, scrambled or mirrored; pulled to ten times its length, a tool at 10 m/s. All stay finite and bounded in these but where it is said below.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum TissueModel {
-    /// The simulator's own: what [`TissueSettings::solver`] says, with [`TissueSettings::substeps`].
+    /// The simulator's own: implicit stages by Newton's method, right at rest and in motion with one substep. See [`crate::implicit`] and
+    /// [`crate::TimeStepping`].
+    ///
+    /// Limits: none of these breaks it, and it comes back to its rest shape from every one within two seconds. What is tangled, or gains energy that nothing gave it, is
+    /// taken out of it by [`crate::rescue`], whose way there is not that of the material.
     #[default]
     Implicit,
     /// The paper's: distance and volume potentials, explicit Verlet steps. See [`crate::teschner`].
+    ///
+    /// Limits: a second takes more than a second from 0.1 degrees of dihedral angle and from 1 GPa, for its steps shorten with stiffness and altitude; all nodes on a
+    /// line or in a point stay tangled.
     Teschner(TeschnerSettings),
     /// Extended position-based dynamics with small steps. See [`crate::xpbd`].
+    ///
+    /// Limits, with the neo-Hookean block and 40 substeps: from 10 MPa it shakes with too much energy; with ticks of 1 ms (substeps of 25 microseconds) rounding
+    /// leaves it 3 % off and with 0.1 ms it gains energy, as springs do; with ticks of 100 ms it is 4 % off; scrambled or mirrored it stays tangled, from where springs
+    /// come back.
     Xpbd(XpbdSettings),
     /// Vertex block descent. See [`crate::vbd`].
+    ///
+    /// Limits, with 4 substeps of 20 sweeps: a Poisson's ratio of 0.4999 takes more than four seconds to come back; all nodes in a point, scrambled or mirrored stay tangled.
     Vbd(VbdSettings),
 }
 

@@ -20,7 +20,7 @@ const PART: usize = 1024;
 
 /// A body is tangled when more than one in so many of its elements is inverted. A few may be a bridge of tissue about to be cut through, torn out of
 /// shape by the weight of what hangs on it.
-const TANGLED: usize = 400;
+pub(crate) const TANGLED: usize = 400;
 
 /// Most steps of Newton's method of a stage that goes as usual. Nearly always one does.
 const USUAL_STEPS: u32 = 4;

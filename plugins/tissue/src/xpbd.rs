@@ -17,7 +17,6 @@ use crate::lanes_blocks::Blocks;
 use crate::lanes_crew::Crew;
 use crate::membrane::{Membrane, Triangle};
 use crate::motion::{Fall, Nodes, Shared};
-use crate::settings::TissueSettings;
 use bevy_math::Vec3;
 use keyhole_tetmesh::{TetMesh, TopologyDelta};
 use keyhole_whiteboard::TissueState;
@@ -70,12 +69,6 @@ impl Xpbd {
 
 /// Elements of a body that are worth a second thread, and a further one each.
 const WORTH: usize = 2000;
-
-/// Steps a body over one tick of `dt` s under gravity (m/s2).
-pub fn step(body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
-    let own = XpbdSettings { substeps: settings.substeps, constraints: Constraints::NeoHookean };
-    step_with(&own, body, None, state, holds, gravity, dt, settings.drag_1_s);
-}
 
 /// Steps a body and its membrane over one tick of `dt` s under gravity (m/s2) with this drag (1/s).
 pub fn step_with(

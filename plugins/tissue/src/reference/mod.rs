@@ -5,6 +5,7 @@
 //!
 //! - [`statics`]: where a loaded body comes to rest; line search on the potential energy, load in as many steps as it takes;
 //! - [`dynamics`]: how it gets there; the second order backward differentiation formula;
+//! - [`quadratic`]: ten-node elements of the same energy, for what linear ones tend to as they get small, and for nearly incompressible material;
 //! - [`prestress`]: which rest shape comes to rest at the shape that was scanned.
 //!
 //! Unlike [`crate::Body`] it takes the material as it is for slivers, too.
@@ -12,12 +13,14 @@
 pub mod dynamics;
 pub mod energy;
 pub mod prestress;
+pub mod quadratic;
 pub mod sparse;
 pub mod statics;
 
 pub use dynamics::Dynamics;
 pub use energy::Tetra;
 pub use prestress::unloaded;
+pub use quadratic::{Quadratic, VolumeChange};
 pub use statics::{Statics, equilibrium};
 
 use crate::material::{MaterialError, NeoHookean};
@@ -61,7 +64,9 @@ pub enum ReferenceError {
 pub struct Problem {
     /// Its elements.
     pub tets: Vec<Tetra>,
-    /// Mass by node slot, kg: a quarter of each tetrahedron's; 0 for slots that nothing uses.
+    /// Its elements of ten nodes.
+    pub quadratic: Vec<Quadratic>,
+    /// Mass by node slot, kg: a quarter of each linear tetrahedron's; 0 for slots that nothing uses.
     pub masses: Vec<f64>,
     /// Rest position by node slot, m.
     pub rest: Vec<DVec3>,
@@ -95,14 +100,15 @@ impl Problem {
             tets.push(element);
         }
         let fixed = masses.iter().enumerate().map(|(i, m)| *m <= 0.0 || is_fixed(keyhole_tetmesh::NodeId(i as u32))).collect();
-        Ok(Self { tets, masses, rest, fixed, membrane: None })
+        Ok(Self { tets, quadratic: Vec::new(), masses, rest, fixed, membrane: None })
     }
 
     /// Elastic energy, J.
     #[must_use]
     pub fn energy(&self, positions: &[DVec3]) -> f64 {
         let bulk: f64 = self.tets.iter().map(|t| t.energy(t.at(positions))).sum();
-        bulk + self.membrane.as_ref().map_or(0.0, |m| m.energy(positions))
+        let quadratic: f64 = self.quadratic.iter().map(|t| t.energy(t.at(positions))).sum();
+        bulk + quadratic + self.membrane.as_ref().map_or(0.0, |m| m.energy(positions))
     }
 
     /// Elastic forces on the nodes, N.
@@ -110,6 +116,11 @@ impl Problem {
     pub fn forces(&self, positions: &[DVec3]) -> Vec<DVec3> {
         let mut forces = vec![DVec3::ZERO; positions.len()];
         for t in &self.tets {
+            for (n, f) in t.nodes.iter().zip(t.forces(t.at(positions))) {
+                forces[*n as usize] += f;
+            }
+        }
+        for t in &self.quadratic {
             for (n, f) in t.nodes.iter().zip(t.forces(t.at(positions))) {
                 forces[*n as usize] += f;
             }

@@ -59,6 +59,9 @@ impl System {
         for tet in &problem.tets {
             note(&tet.nodes);
         }
+        for element in &problem.quadratic {
+            note(&element.nodes);
+        }
         for triangle in problem.membrane.iter().flat_map(|m| m.triangles()) {
             note(&triangle.nodes);
         }
@@ -107,6 +110,10 @@ impl System {
         for tet in &problem.tets {
             let k = tet.stiffness(tet.at(positions), geometric);
             add(&tet.nodes, &|i, j| k[i][j]);
+        }
+        for element in &problem.quadratic {
+            let k = element.stiffness(element.at(positions), geometric);
+            add(&element.nodes, &|i, j| k[i][j]);
         }
         if let Some(membrane) = &problem.membrane {
             for triangle in membrane.triangles() {

@@ -6,7 +6,8 @@ use bevy_ecs::prelude::*;
 use bevy_math::{Isometry3d, Quat, Vec3};
 use bevy_time::{Fixed, Time, TimePlugin, TimeUpdateStrategy};
 use keyhole_tetmesh::{NodeId, TetMesh};
-use keyhole_tissue::beam::{beam, beam_material, block};
+use keyhole_tissue::beam::{GRAVITY, beam, beam_material, block};
+use keyhole_tissue::reference::unloaded;
 use keyhole_tissue::{Quarantined, TissueBody, TissuePlugin, TissueReport, TissueSettings};
 use keyhole_whiteboard::{
     Anchor, Attachment, Attachments, FragmentDetached, Gravity, InstrumentPose, Organ, SceneRequirements, TissueMesh, TissueState,
@@ -150,4 +151,35 @@ fn one_broken_organ_does_not_stop_the_others() {
     assert_eq!(app.world().get::<Quarantined>(broken).unwrap().node, NodeId(3));
     assert_eq!(app.world().resource::<TissueReport>().quarantined, vec![broken]);
     assert!(positions(&app, sound)[0].y < before);
+}
+
+/// An organ whose rest shape is the one that hangs as it was scanned stays where it is when the app starts: it moves by less than a hundredth of the sag of one whose scan is
+/// taken for its rest shape.
+#[test]
+fn a_prestressed_organ_stays_where_it_was_scanned() {
+    let scan = beam(6, 3);
+    let held = |n: NodeId| scan.rest(n).x == 0.0;
+    let found = unloaded(&scan, &beam_material(), held, GRAVITY.as_dvec3(), 1e-3, 30).unwrap();
+    let mut unloaded = scan.clone();
+    for n in scan.nodes() {
+        unloaded.move_node(n, found.rest[n.index()], std::iter::once((n, 1.0)).collect());
+    }
+    unloaded.take_delta();
+    let moved = |mesh: TetMesh| {
+        let mut app = app();
+        app.insert_resource(Gravity(GRAVITY));
+        let clamp = scan.nodes().filter(|n| held(*n)).map(|n| Attachment::node_to_space(n, scan.rest(n).as_vec3(), 0.0)).collect();
+        let start = TissueState::at_rest(&scan);
+        let parts = (Organ { name: "beam".into() }, beam_material(), TissueMesh(mesh), start.clone(), Attachments(clamp));
+        let organ = app.world_mut().spawn(parts).id();
+        let mut furthest = 0.0_f32;
+        for _ in 0..60 {
+            app.update();
+            let now = positions(&app, organ);
+            furthest = now.iter().zip(&start.positions).map(|(x, s)| x.distance(*s)).fold(furthest, f32::max);
+        }
+        furthest
+    };
+    let (prestressed, sagging) = (moved(unloaded), moved(scan.clone()));
+    assert!(sagging > 0.01 && prestressed < 0.01 * sagging, "{prestressed} m, without {sagging} m");
 }
