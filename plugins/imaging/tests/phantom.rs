@@ -172,3 +172,23 @@ fn drawn_surfaces_keep_their_volume() {
         );
     }
 }
+
+#[test]
+fn a_contact_sheet_shows_the_ct_that_lies_beside_the_labels() {
+    let (folder, _) = written(&COARSE);
+    let selection = Selection::Labels(labels(&[("kidney", 1), ("tumour", 2)]));
+    let options = MeshOptions { edge_mm: 8.0, core_doublings: 0, component: ComponentChoice::Auto, centring: Centring::Origin };
+    let made = pipeline::make(input::read(folder.path(), &selection).unwrap(), &options, &mut |_| {}).unwrap();
+    let ct = input::ct(folder.path(), &selection).unwrap();
+    let [with, without] = [Some(&ct), None].map(|ct| made.contact_sheet(ct));
+    // Fat in front of the kidney, -80 HU with 10 HU of noise, in a window from -160 to 240.
+    assert_eq!(without.rgb[..3], [14, 16, 20]);
+    let fat = &with.rgb[..3];
+    assert!(fat[0] == fat[1] && fat[1] == fat[2] && fat[0].abs_diff(51) < 26, "{fat:?}");
+    // The row of surfaces is the same, and so is every point of an outline.
+    let surfaces = with.rgb.len() / 4 * 3;
+    assert_eq!(with.rgb[surfaces..], without.rgb[surfaces..]);
+    assert_ne!(with.rgb[..surfaces], without.rgb[..surfaces]);
+    let seg = folder.path().join(dicom_write::SEGMENTATION_FILE);
+    assert!(input::ct(&seg, &selection).is_none(), "labels alone have no CT");
+}
