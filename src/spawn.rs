@@ -3,10 +3,12 @@
 use crate::theatre::Theatre;
 use bevy::prelude::*;
 use keyhole_instruments::{Script, ScriptClock, TrocarState, tools};
-use keyhole_scene::{SceneTissue, SceneTissueModel};
+use keyhole_scene::{SceneTimeStepping, SceneTissue, SceneTissueModel};
 use keyhole_tetmesh::TetMesh;
 use keyhole_tissue::reference::{ReferenceError, unloaded};
-use keyhole_tissue::{Capsule, Constraints, TeschnerSettings, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings};
+use keyhole_tissue::{
+    Capsule, Constraints, TeschnerSettings, TimeStepping, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings,
+};
 use keyhole_whiteboard::{
     Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, SimulationControl, TickCost,
     TissueMesh, TissueState, TopologyChanged,
@@ -62,6 +64,10 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
         let mut settings = world.resource_mut::<TissueSettings>();
         settings.substeps = scene.tissue.substeps.unwrap_or(TissueSettings::default().substeps);
         settings.model = tissue_model(&scene.tissue);
+        settings.stepping = match scene.tissue.stepping {
+            SceneTimeStepping::TwoStages => TimeStepping::TwoStages,
+            SceneTimeStepping::TwoSteps => TimeStepping::TwoSteps,
+        };
         settings.capsule = scene.tissue.capsule.map(|c| Capsule {
             young_modulus_pa: c.young_modulus_pa,
             poisson_ratio: c.poisson_ratio,

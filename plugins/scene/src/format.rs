@@ -323,6 +323,16 @@ pub enum SceneTissueModel {
     Vbd,
 }
 
+/// How the model Implicit steps in time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SceneTimeStepping {
+    /// Two stages a substep.
+    #[default]
+    TwoStages,
+    /// One stage a substep and the state before it: cheaper, and swinging is damped more.
+    TwoSteps,
+}
+
 /// The capsule of every organ: a thin stiff membrane on its surface, cut with it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -344,6 +354,8 @@ pub struct SceneTissue {
     pub substeps: Option<u32>,
     /// The model. Default Implicit.
     pub model: SceneTissueModel,
+    /// How the model Implicit steps in time; the others take no notice of it. Default TwoStages.
+    pub stepping: SceneTimeStepping,
     /// A capsule. Default none.
     pub capsule: Option<SceneCapsule>,
     /// Whether the organs' meshes are the shapes in which gravity and what holds them rigidly have left them, as in a scan: the rest shape is then the one that
@@ -353,7 +365,7 @@ pub struct SceneTissue {
 
 impl Default for SceneTissue {
     fn default() -> Self {
-        Self { substeps: None, model: SceneTissueModel::default(), capsule: None, prestress: false }
+        Self { substeps: None, model: SceneTissueModel::default(), stepping: SceneTimeStepping::default(), capsule: None, prestress: false }
     }
 }
 
