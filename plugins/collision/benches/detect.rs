@@ -25,7 +25,9 @@ static MEMORY: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 const REPEATS: usize = 15;
 
 fn main() {
-    println!("ms a tick, wall on one thread (mean cpu), wall on two, walls the least of {REPEATS} or more; allocations a tick once warm, one thread\n");
+    println!(
+        "ms a tick, wall on one thread (mean cpu), wall on two, walls the least of {REPEATS} or more; allocations a tick once warm, one thread\n"
+    );
     println!("two blocks, the second turned and through a quarter of the first; hierarchical, with their own surfaces and without");
     // The number of cubes along each edge of the blocks wanted; 0 for none but what follows them.
     let only = std::env::var("DETECT_CELLS").ok().and_then(|c| c.parse::<u32>().ok());
@@ -60,7 +62,9 @@ fn main() {
 
 /// Twenty planes through a block of 5 cm, each a little turned against the one before: many that all but meet nodes and each other.
 fn cuts() -> Vec<(DVec3, DVec3)> {
-    let at = |i: f64| (DVec3::new(0.004 + 0.0021 * i, 0.025, 0.025), DVec3::new(1.0, 0.15 * (i * 1.7).sin(), 0.15 * (i * 2.3).cos()).normalize());
+    let at = |i: f64| {
+        (DVec3::new(0.004 + 0.0021 * i, 0.025, 0.025), DVec3::new(1.0, 0.15 * (i * 1.7).sin(), 0.15 * (i * 2.3).cos()).normalize())
+    };
     (0..20).map(|i| at(f64::from(i))).collect()
 }
 
@@ -107,7 +111,9 @@ fn report(pair: &[Thing; 2], own: bool, grading: Grading, name: &str) {
     let two_ms = pool(2).install(|| least(|| detector.detect(&bodies, grading).len()).0);
     let own = if own { " + own surfaces" } else { "" };
     let a_tet = wall_ms * 1e6 / tets as f64;
-    println!("{tets:7} tets, {hits:6} hits: {wall_ms:7.3} ({cpu_ms:7.3}) {two_ms:7.3} ms, {a_tet:5.1} ns a tet, {allocations} allocations; {name}{own}");
+    println!(
+        "{tets:7} tets, {hits:6} hits: {wall_ms:7.3} ({cpu_ms:7.3}) {two_ms:7.3} ms, {a_tet:5.1} ns a tet, {allocations} allocations; {name}{own}"
+    );
 }
 
 fn report_other(pair: &[Thing; 2], name: &str, mut find: impl FnMut(&[Thing; 2]) -> Vec<Hit>) {

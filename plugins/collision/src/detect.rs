@@ -231,7 +231,8 @@ impl Detector {
         for (body, of) in bodies.iter().enumerate() {
             let others = |p: Vec3A| self.boxes.iter().enumerate().any(|(other, b)| other != body && b.contains(p));
             let meeting = self.boxes.iter().enumerate().filter(|(other, b)| *other != body && b.meets(&self.boxes[body]));
-            let shared = meeting.map(|(_, b)| self.boxes[body].shared(b)).reduce(|a, b| Bounds { low: a.low.min(b.low), high: a.high.max(b.high) });
+            let shared =
+                meeting.map(|(_, b)| self.boxes[body].shared(b)).reduce(|a, b| Bounds { low: a.low.min(b.low), high: a.high.max(b.high) });
             let sides = &mut self.sides[body];
             sides.clear();
             let space = match (shared, of.self_collision) {
