@@ -26,8 +26,13 @@ pub enum AnatomyError {
     #[error("vertex {0} is not a finite point")]
     NotFinite(usize),
     /// The triangles are no surface with an inside and an outside.
-    #[error("the triangles are no closed surface: {0}; every edge must have two triangles, turned the same way")]
-    NotClosed(String),
+    #[error(
+        "the edge from vertex {0} to vertex {1} is used {2} times that way and {3} times back; a closed surface uses each once both ways"
+    )]
+    NotClosed(u32, u32, usize, usize),
+    /// There is nothing to build a tree of.
+    #[error("no tree can be built of the triangles: {0}")]
+    NoTree(String),
 }
 
 /// A surface that tissue cannot pass.
@@ -60,9 +65,19 @@ impl SolidSurface {
         if let Some((triangle, vertex)) = surface.triangles.iter().enumerate().find_map(|(i, t)| missing(t).map(|v| (i, v))) {
             return Err(AnatomyError::NoVertex { triangle, vertex, vertices });
         }
+        let edges = |[a, b, c]: &[u32; 3]| [(*a, *b), (*b, *c), (*c, *a)];
+        let mut directed: Vec<(u32, u32)> = surface.triangles.iter().flat_map(edges).collect();
+        directed.sort_unstable();
+        let uses = |edge: (u32, u32)| directed.partition_point(|e| *e <= edge) - directed.partition_point(|e| *e < edge);
+        for (a, b) in &directed {
+            let (there, back) = (uses((*a, *b)), uses((*b, *a)));
+            if (there, back) != (1, 1) {
+                return Err(AnatomyError::NotClosed(*a, *b, there, back));
+            }
+        }
         let points = surface.vertices.iter().map(|v| to_parry(*v)).collect();
         let mesh = TriMesh::with_flags(points, surface.triangles.clone(), TriMeshFlags::ORIENTED)
-            .map_err(|error| AnatomyError::NotClosed(error.to_string()))?;
+            .map_err(|error| AnatomyError::NoTree(error.to_string()))?;
         Ok(Self { mesh })
     }
 

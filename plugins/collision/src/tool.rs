@@ -11,6 +11,9 @@ use parry3d::math::Pose;
 use parry3d::query::{NonlinearRigidMotion, cast_shapes_nonlinear, contact};
 use parry3d::shape::{SharedShape, Triangle};
 
+/// Least cosine between the way that a part pushes and the way into the tissue through a triangle: 84 degrees.
+const FACING: f32 = 0.1;
+
 /// A convex part of an instrument, in a frame of its own.
 #[derive(Clone)]
 pub struct ToolPart {
@@ -78,8 +81,8 @@ impl ToolPart {
         let (from, to) = (pose_to_parry(motion.from), pose_to_parry(motion.to));
         let rest = Pose::default();
         let near = contact(&from, &*self.shape, &rest, &shape, near_m).ok().flatten();
-        let (at, local, normal, touched) = match near {
-            Some(near) => (0.0, from.inverse_transform_point(near.point1), from_parry(near.normal1), from_parry(near.point2)),
+        let (local, normal, touched) = match near {
+            Some(near) => (from.inverse_transform_point(near.point1), from_parry(near.normal1), from_parry(near.point2)),
             None => {
                 let turn = motion.to.rotation * motion.from.rotation.inverse();
                 let moving = NonlinearRigidMotion {
@@ -91,11 +94,11 @@ impl ToolPart {
                 let still = NonlinearRigidMotion { angvel: to_parry(Vec3::ZERO), linvel: to_parry(Vec3::ZERO), start: rest, ..moving };
                 let hit = cast_shapes_nonlinear(&moving, &*self.shape, &still, &shape, 0.0, 1.0, true).ok().flatten()?;
                 let then = moving.position_at_time(hit.time_of_impact);
-                (hit.time_of_impact, hit.witness1, from_parry(then.transform_vector(hit.normal1)), from_parry(hit.witness2))
+                (hit.witness1, from_parry(then.transform_vector(hit.normal1)), from_parry(hit.witness2))
             }
         };
-        // A part behind a triangle, on its way out of the tissue, does not push it.
-        if at.is_nan() || normal.dot(outward) >= 0.0 || !touched.is_finite() {
+        // A part behind a triangle, on its way out of the tissue, does not push it; of one that it grazes the neighbours tell better.
+        if normal.dot(outward) > -FACING || !touched.is_finite() {
             return None;
         }
         let (begin, end) = (from_parry(from.transform_point(local)), from_parry(to.transform_point(local)));

@@ -64,8 +64,9 @@ proptest! {
             if found.is_empty() {
                 break;
             }
-            let mean = found.iter().map(|p| p.direction * p.depth_m).sum::<Vec3>() / found.len() as f32;
-            let step = mean.normalize_or(Vec3::Y) * mean.length().clamp(1e-4, 0.002);
+            let direction = found.iter().map(|p| p.direction).sum::<Vec3>().normalize_or(Vec3::Y);
+            let depth = found.iter().map(|p| p.depth_m).sum::<f32>() / found.len() as f32;
+            let step = direction * depth.clamp(1e-4, 0.002);
             way += step.length();
             prop_assert!(way < 0.06, "still {} nodes inside after {way} m", found.len());
             small.positions.iter_mut().for_each(|x| *x += step);

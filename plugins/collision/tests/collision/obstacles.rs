@@ -118,7 +118,7 @@ fn anatomy_holds_what_is_in_it_or_would_be() {
         with_anatomy(&party(&sunk, &velocities), (entity(), &solid), 0.4, 0.01, DT, &mut contacts);
         for c in &contacts {
             let x = point(&sunk, c);
-            assert!((c.normal - Vec3::Y).length() < 1e-5 && (c.depth_m + x.y).abs() < 1e-6 && c.surface_m.y.abs() < 1e-6, "{c:?} {x}");
+            assert!((c.normal - Vec3::Y).length() < 1e-4 && (c.depth_m + x.y).abs() < 1e-6 && c.surface_m.y.abs() < 1e-6, "{c:?} {x}");
             assert!((c.friction - 0.2).abs() < 1e-6, "geometric mean");
         }
         contacts.len()
@@ -131,9 +131,9 @@ fn anatomy_holds_what_is_in_it_or_would_be() {
 fn a_cavity_is_free_inside_and_solid_outside() {
     let cavity = SolidSurface::new(&cube(false)).unwrap();
     let inside = cavity.nearest(Vec3::new(0.0, -0.003, 0.05), 0.01).unwrap();
-    assert!((inside.distance_m - 0.003).abs() < 1e-6 && (inside.normal + Vec3::Y).length() < 1e-5, "{inside:?}");
+    assert!((inside.distance_m - 0.003).abs() < 1e-6 && (inside.normal + Vec3::Y).length() < 1e-4, "{inside:?}");
     let outside = cavity.nearest(Vec3::new(0.0, 0.004, 0.05), 0.01).unwrap();
-    assert!((outside.distance_m + 0.004).abs() < 1e-6 && (outside.normal + Vec3::Y).length() < 1e-5, "{outside:?}");
+    assert!((outside.distance_m + 0.004).abs() < 1e-6 && (outside.normal + Vec3::Y).length() < 1e-4, "{outside:?}");
     assert_eq!(cavity.nearest(Vec3::new(0.0, -0.2, 0.0), 0.01), None, "too far to tell");
 }
 
@@ -146,5 +146,5 @@ fn a_surface_that_is_none_says_why() {
     assert!(matches!(SolidSurface::new(&broken), Err(AnatomyError::NotFinite(2))));
     let mut turned = cube(true);
     turned.triangles[5].swap(0, 1);
-    assert!(matches!(SolidSurface::new(&turned), Err(AnatomyError::NotClosed(_))));
+    assert!(matches!(SolidSurface::new(&turned), Err(AnatomyError::NotClosed(..))));
 }
