@@ -10,8 +10,8 @@ mod meshes;
 
 use bevy_math::{Quat, Vec3};
 use keyhole_collision::{Detector, Grading, Hit, Weights, mean_edge_m};
-use keyhole_tetmesh::{DVec3, NodeId, TetId, TetMesh};
-use meshes::{Thing, block, divided, edges_m};
+use keyhole_tetmesh::{DVec3, EDGES, NodeId, TetId, TetMesh};
+use meshes::{Thing, block, divided};
 use parry3d::bounding_volume::Aabb;
 use parry3d::math::Vec3 as ParryVec3;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
@@ -66,6 +66,16 @@ fn cuts() -> Vec<(DVec3, DVec3)> {
         (DVec3::new(0.004 + 0.0021 * i, 0.025, 0.025), DVec3::new(1.0, 0.15 * (i * 1.7).sin(), 0.15 * (i * 2.3).cos()).normalize())
     };
     (0..20).map(|i| at(f64::from(i))).collect()
+}
+
+/// Mean and shortest length of the edges of a mesh at rest, m.
+fn edges_m(mesh: &TetMesh) -> (f64, f64) {
+    let lengths = mesh.iter().flat_map(|(t, _)| {
+        let p = mesh.points(t);
+        EDGES.map(|[i, j]| p[i].distance(p[j]))
+    });
+    let (sum, least) = lengths.fold((0.0, f64::INFINITY), |(sum, least), l| (sum + l, l.min(least)));
+    (sum / (6.0 * mesh.tet_count() as f64), least)
 }
 
 fn pair(first: &TetMesh, second: &TetMesh) -> [Thing; 2] {

@@ -17,8 +17,8 @@ use rayon::prelude::*;
 /// Tetrahedra that one task looks at.
 const CHUNK: usize = 2048;
 
-/// A level has a table of its own where its queries are more than this part of the nodes in the table: `nodes / QUERIES_A_NODE`. A table of all nodes
-/// costs about as much as a hundred looks at a node for each of so many queries.
+/// A level has a table of its own where it has more queries than a part of the nodes in the table: `nodes / QUERIES_A_NODE`. With 8 instead of 1 a mesh
+/// after 20 cuts took a fifth longer: its slivers are on so many levels that the tables cost more than looking at larger cells.
 const QUERIES_A_NODE: usize = 1;
 
 /// What detection looks at of one body.
@@ -165,7 +165,7 @@ impl Detector {
         };
         let (points, tags) = (&self.points, &self.tags);
         self.tables.resize_with(LEVELS, CellTable::default);
-        let serves = |level: usize| levels.iter().any(|l| *l == Some(level as Level));
+        let serves = |level: usize| levels.contains(&Some(level as Level));
         let occupied = self.tables.par_iter_mut().enumerate().filter(|(level, _)| serves(*level));
         occupied.for_each(|(level, table)| table.build(cell(level), points, tags));
         let tables = &self.tables;

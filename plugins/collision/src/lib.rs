@@ -1,10 +1,24 @@
-//! Collision.
+#![doc = include_str!("../README.md")]
 
+pub mod anatomy;
 pub(crate) mod cells;
+pub mod contacts;
+mod convert;
+pub mod depth;
 pub mod detect;
+pub mod fresh;
 pub mod inside;
+pub mod plugin;
+pub mod settings;
 pub mod shape;
+pub mod tool;
+pub mod walk;
 
+pub use depth::{Depths, Penetration};
 pub use detect::{Body, Detector, Grading, Hit, mean_edge_m};
+pub use fresh::FreshCuts;
 pub use inside::Weights;
+pub use plugin::CollisionPlugin;
+pub use settings::{CollisionSettings, SelfCollision};
 pub use shape::{Role, Shape};
+pub use walk::{Deformed, Exit};

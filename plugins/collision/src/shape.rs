@@ -1,7 +1,7 @@
 //! What detection keeps of a mesh: the corners of its tetrahedra and which nodes are on the surface, carried over topology changes at a cost that
 //! depends on the change alone.
 
-use keyhole_tetmesh::{NodeEdit, NodeId, TetMesh, TopologyDelta};
+use keyhole_tetmesh::{FACES, NodeEdit, NodeId, TetId, TetMesh, TopologyDelta};
 
 /// Marks a tetrahedron slot that is not in use.
 pub(crate) const VACANT: [NodeId; 4] = [NodeId(u32::MAX); 4];
@@ -22,6 +22,8 @@ pub enum Role {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shape {
     corners: Vec<[NodeId; 4]>,
+    /// By tetrahedron slot: a bit for each of its faces that is on the boundary.
+    open_faces: Vec<u8>,
     roles: Vec<Role>,
 }
 
@@ -34,16 +36,22 @@ impl Shape {
             corners[tet.index()] = nodes;
         }
         let roles = (0..mesh.node_slots()).map(|n| role(mesh, NodeId(n as u32))).collect();
-        Self { corners, roles }
+        let mut open_faces = vec![0; mesh.tet_slots()];
+        for (tet, _) in mesh.iter() {
+            open_faces[tet.index()] = faces_on_boundary(mesh, tet);
+        }
+        Self { corners, open_faces, roles }
     }
 
     /// Carries the shape over `delta`; `mesh` is the mesh after it.
     pub fn update(&mut self, mesh: &TetMesh, delta: &TopologyDelta) {
         self.corners.resize(mesh.tet_slots(), VACANT);
+        self.open_faces.resize(mesh.tet_slots(), 0);
         self.roles.resize(mesh.node_slots(), Role::Unused);
         let mut touched: Vec<NodeId> = Vec::new();
         for tet in &delta.removed {
             let gone = std::mem::replace(&mut self.corners[tet.index()], VACANT);
+            self.open_faces[tet.index()] = 0;
             touched.extend(gone.into_iter().filter(|_| gone != VACANT));
         }
         for added in &delta.added {
@@ -55,14 +63,25 @@ impl Shape {
                 *node
             }
         }));
+        touched.sort_unstable();
+        touched.dedup();
         for node in touched {
             self.roles[node.index()] = role(mesh, node);
+            for tet in mesh.topology().around_node(node) {
+                self.open_faces[tet.index()] = faces_on_boundary(mesh, *tet);
+            }
         }
     }
 
     /// The corners of the tetrahedra by slot; an unused slot has four corners that no node has.
     pub(crate) fn corners(&self) -> &[[NodeId; 4]] {
         &self.corners
+    }
+
+    /// The triangles of the boundary, normals outward, in ascending order of tetrahedron.
+    pub fn triangles(&self) -> impl Iterator<Item = [NodeId; 3]> + '_ {
+        let open = self.open_faces.iter().zip(&self.corners).filter(|(open, _)| **open != 0);
+        open.flat_map(|(open, corners)| (0..4).filter(move |face| open >> face & 1 == 1).map(move |face| FACES[face].map(|i| corners[i])))
     }
 
     /// The roles of the nodes by slot.
@@ -84,4 +103,8 @@ fn role(mesh: &TetMesh, node: NodeId) -> Role {
         (false, true) => Role::Surface,
         (false, false) => Role::Inner,
     }
+}
+
+fn faces_on_boundary(mesh: &TetMesh, tet: TetId) -> u8 {
+    (0..4).map(|face| u8::from(mesh.topology().neighbour(tet, face).is_none()) << face).sum()
 }

@@ -24,13 +24,6 @@ impl Clone for Shared {
 }
 
 impl Shared {
-    /// Some nodes at the origin.
-    pub(crate) fn of(nodes: usize) -> Self {
-        let mut new = Self::default();
-        new.resize(nodes);
-        new
-    }
-
     pub(crate) fn resize(&mut self, nodes: usize) {
         self.0.resize_with(nodes, Default::default);
     }
@@ -98,6 +91,8 @@ pub(crate) struct Nodes {
     rows: Vec<Mutex<Row>>,
     /// Where positions are counted from, m: far from the world's origin a difference of positions has too few digits for a velocity.
     origin: Vec3,
+    /// What [`Nodes::average`] found last.
+    mean: Mutex<Vec3>,
     /// Whether nothing holds it: then drag takes nothing of its mean velocity.
     pub(crate) free: bool,
 }
@@ -173,10 +168,15 @@ impl Nodes {
         self.rows[r].lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The mean of what every row summed up.
-    pub(crate) fn mean(&self) -> Vec3 {
+    /// Finds the mean of what every row summed up.
+    pub(crate) fn average(&self) {
         let (sum, mass) = (0..self.rows()).map(|r| self.row(r).sum).fold((DVec3::ZERO, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-        if mass > 0.0 { (sum / mass).as_vec3() } else { Vec3::ZERO }
+        *self.mean.lock().unwrap_or_else(PoisonError::into_inner) = if mass > 0.0 { (sum / mass).as_vec3() } else { Vec3::ZERO };
+    }
+
+    /// What [`Nodes::average`] found; zero for what is held.
+    pub(crate) fn mean(&self) -> Vec3 {
+        if self.free { *self.mean.lock().unwrap_or_else(PoisonError::into_inner) } else { Vec3::ZERO }
     }
 
     /// Velocities of a row from the way since its substep began, over `h` s.

@@ -4,7 +4,7 @@
 //! sweep raises the sum.
 //!
 //! Nodes are moved one after the other within a part of the organ, and parts that share no element at the same time; the elements around a node are
-//! looked at eight at a time ([`crate::lanes_rows`]). After a topology change only the parts of the touched nodes are looked at. A step begins where the velocity and as much of
+//! looked at eight at a time (`lanes_rows.rs`). After a topology change only the parts of the touched nodes are looked at. A step begins where the velocity and as much of
 //! gravity as was felt in the last step lead (the paper's adaptive start). Sweeps are accelerated by Chebyshev's method where that is asked for.
 //!
 //! Few iterations are a softer material: a sweep spreads force by one ring of elements.
@@ -155,20 +155,19 @@ impl Vbd {
                 _ => 0,
             },
         };
-        let mean = Shared::of(1);
         let task = |step: usize, i: usize, near: &mut lanes::Nodes| {
             let s = (step / period + 1) as f32 / n as f32;
             match step % period {
                 0 => {
                     (0..count).for_each(|r| Nodes::sum(&mut nodes.row(r), tick.masses, |row, i| row.velocity[i]));
-                    mean.place(0, nodes.mean());
+                    nodes.average();
                 }
-                1 => tick.begin(&mut nodes.row(i), if free { mean.point(0) } else { Vec3::ZERO }, s),
-                k if k == period - 1 => tick.finish(&mut nodes.row(i), mean.point(0)),
+                1 => tick.begin(&mut nodes.row(i), nodes.mean(), s),
+                k if k == period - 1 => tick.finish(&mut nodes.row(i), nodes.mean()),
                 k if k == period - 2 => {
                     let gap = |row: &Row, i: usize| nodes.at.point(row.first + i) - goals.point(row.first + i);
                     (0..count).for_each(|r| Nodes::sum(&mut nodes.row(r), tick.masses, gap));
-                    mean.place(0, nodes.mean());
+                    nodes.average();
                 }
                 k => match ((k - 2) / sweep, (k - 2) % sweep) {
                     (_, c) if c < colours => rows.sweep(c, i, &tick, near),

@@ -1,4 +1,8 @@
-//! Detection against brute force, and penetration depths against closed forms.
+//! Detection against brute force; penetration depths, instruments and anatomy against closed forms; the plugin in an app.
+#![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
+mod depths;
 mod detection;
 mod meshes;
+mod obstacles;
+mod tick;

@@ -2,7 +2,7 @@
 
 use bevy_math::Vec3;
 use keyhole_collision::{Body, Hit, Shape, Weights};
-use keyhole_tetmesh::{DVec3, EDGES, MaterialId, NodeId, TetMesh};
+use keyhole_tetmesh::{DVec3, MaterialId, NodeId, TetMesh};
 use std::collections::BTreeMap;
 
 /// A box of `cells` cubes, five tetrahedra each, with the given size in metres, one corner at the origin.
@@ -103,16 +103,6 @@ fn prism(low: [u32; 3], high: [u32; 3]) -> [[u32; 4]; 3] {
 /// Positions of the mesh at rest.
 pub fn at_rest(mesh: &TetMesh) -> Vec<Vec3> {
     mesh.rest_positions().iter().map(|p| p.as_vec3()).collect()
-}
-
-/// Mean and shortest length of the edges of a mesh at rest, m.
-pub fn edges_m(mesh: &TetMesh) -> (f64, f64) {
-    let lengths = mesh.iter().flat_map(|(t, _)| {
-        let p = mesh.points(t);
-        EDGES.map(|[i, j]| p[i].distance(p[j]))
-    });
-    let (sum, least) = lengths.fold((0.0, f64::INFINITY), |(sum, least), l| (sum + l, l.min(least)));
-    (sum / (6.0 * mesh.tet_count() as f64), least)
 }
 
 /// Every node against every tetrahedron.

@@ -1,0 +1,99 @@
+//! Anatomy that cannot deform: a triangle mesh with a tree of its triangles and the normals of its faces, edges and vertices, built once. The distance
+//! of a point is that to the nearest triangle, its sign that of the pseudo-normal there (J. A. Baerentzen, H. Aanaes, "Signed distance computation using
+//! the angle weighted pseudonormal", 2005), as parry has it.
+
+use crate::convert::{from_parry, to_parry};
+use bevy_math::Vec3;
+use keyhole_whiteboard::StaticSurface;
+use parry3d::query::PointQueryWithLocation;
+use parry3d::shape::{TriMesh, TriMeshFlags};
+use thiserror::Error;
+
+/// Why a surface cannot be collided with.
+#[derive(Debug, Error)]
+pub enum AnatomyError {
+    /// A triangle names a vertex that is not there.
+    #[error("triangle {triangle} names vertex {vertex}, but the surface has {vertices}: number vertices from 0")]
+    NoVertex {
+        /// Place of the triangle in the list.
+        triangle: usize,
+        /// The vertex that it names.
+        vertex: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
+    /// A vertex is not finite.
+    #[error("vertex {0} is not a finite point")]
+    NotFinite(usize),
+    /// The triangles are no surface with an inside and an outside.
+    #[error(
+        "the edge from vertex {0} to vertex {1} is used {2} times that way and {3} times back; a closed surface uses each once both ways"
+    )]
+    NotClosed(u32, u32, usize, usize),
+    /// There is nothing to build a tree of.
+    #[error("no tree can be built of the triangles: {0}")]
+    NoTree(String),
+}
+
+/// A surface that tissue cannot pass.
+pub struct SolidSurface {
+    mesh: TriMesh,
+}
+
+/// The point of a surface that is nearest to another point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nearest {
+    /// The point of the surface, m.
+    pub point: Vec3,
+    /// Unit vector from the inside to the outside.
+    pub normal: Vec3,
+    /// Distance from the surface, m: negative inside.
+    pub distance_m: f32,
+}
+
+impl SolidSurface {
+    /// Builds the tree and the normals.
+    ///
+    /// # Errors
+    /// When the triangles are no closed surface.
+    pub fn new(surface: &StaticSurface) -> Result<Self, AnatomyError> {
+        let vertices = surface.vertices.len();
+        if let Some(broken) = surface.vertices.iter().position(|v| !v.is_finite()) {
+            return Err(AnatomyError::NotFinite(broken));
+        }
+        let missing = |t: &[u32; 3]| t.iter().copied().find(|v| *v as usize >= vertices);
+        if let Some((triangle, vertex)) = surface.triangles.iter().enumerate().find_map(|(i, t)| missing(t).map(|v| (i, v))) {
+            return Err(AnatomyError::NoVertex { triangle, vertex, vertices });
+        }
+        let edges = |[a, b, c]: &[u32; 3]| [(*a, *b), (*b, *c), (*c, *a)];
+        let mut directed: Vec<(u32, u32)> = surface.triangles.iter().flat_map(edges).collect();
+        directed.sort_unstable();
+        let uses = |edge: (u32, u32)| directed.partition_point(|e| *e <= edge) - directed.partition_point(|e| *e < edge);
+        for (a, b) in &directed {
+            let (there, back) = (uses((*a, *b)), uses((*b, *a)));
+            if (there, back) != (1, 1) {
+                return Err(AnatomyError::NotClosed(*a, *b, there, back));
+            }
+        }
+        let points = surface.vertices.iter().map(|v| to_parry(*v)).collect();
+        let mesh = TriMesh::with_flags(points, surface.triangles.clone(), TriMeshFlags::ORIENTED)
+            .map_err(|error| AnatomyError::NoTree(error.to_string()))?;
+        Ok(Self { mesh })
+    }
+
+    /// The nearest point of the surface, if it is not further than `reach_m`.
+    #[must_use]
+    pub fn nearest(&self, point: Vec3, reach_m: f32) -> Option<Nearest> {
+        if !point.is_finite() {
+            return None;
+        }
+        let (projected, (triangle, _)) = self.mesh.project_local_point_and_get_location_with_max_dist(to_parry(point), false, reach_m)?;
+        let on = from_parry(projected.point);
+        let away = point - on;
+        let sign = if projected.is_inside { -1.0 } else { 1.0 };
+        let face = self.mesh.triangle(triangle).normal().map(from_parry);
+        // So near that no direction is left, the face tells it.
+        let normal = (sign * away).try_normalize().or(face)?;
+        Some(Nearest { point: on, normal, distance_m: sign * away.length() })
+    }
+}

@@ -1,0 +1,183 @@
+//! From hits, touches and distances to contacts.
+
+use crate::anatomy::SolidSurface;
+use crate::depth::{Depths, Penetration, neighbours};
+use crate::detect::{Body, Hit};
+use crate::fresh::{FreshCuts, NodeOf, PARTED};
+use crate::shape::{Role, Shape};
+use crate::tool::{Motion, ToolPart};
+use crate::walk::Deformed;
+use bevy_ecs::prelude::Entity;
+use bevy_math::Vec3;
+use keyhole_tetmesh::{NodeId, Topology};
+use keyhole_whiteboard::{Contact, Obstacle, TissuePoint};
+use smallvec::smallvec;
+
+/// An organ as contacts see it.
+#[derive(Clone, Copy, Debug)]
+pub struct Party<'a> {
+    /// Its entity.
+    pub organ: Entity,
+    /// Its adjacency.
+    pub topology: &'a Topology,
+    /// Its tetrahedra and its surface.
+    pub shape: &'a Shape,
+    /// Deformed positions by node slot, m.
+    pub positions: &'a [Vec3],
+    /// Velocities by node slot, m/s.
+    pub velocities: &'a [Vec3],
+    /// Coulomb's coefficient of its surface.
+    pub friction: f32,
+    /// Whether it may meet itself.
+    pub self_collision: bool,
+}
+
+impl<'a> Party<'a> {
+    /// What detection looks at.
+    #[must_use]
+    pub fn body(&self) -> Body<'a> {
+        Body { shape: self.shape, positions: self.positions, self_collision: self.self_collision }
+    }
+
+    fn deformed(&self) -> Deformed<'a> {
+        Deformed { topology: self.topology, positions: self.positions }
+    }
+}
+
+/// Coulomb's coefficient between two surfaces: the geometric mean.
+#[must_use]
+pub fn friction_between(a: f32, b: f32) -> f32 {
+    (a * b).sqrt()
+}
+
+/// Takes the hits away that a fresh cut explains; returns the nodes of these, ascending.
+pub fn exempt(hits: &mut Vec<Hit>, parties: &[Party], fresh: &FreshCuts) -> Vec<NodeOf> {
+    let mut held = Vec::new();
+    if fresh.is_empty() {
+        return held;
+    }
+    hits.retain(|hit| {
+        let node = (parties[usize::from(hit.node_body)].organ, hit.node);
+        let body = &parties[usize::from(hit.tet_body)];
+        let corners = body.topology.corners(hit.tet);
+        let touches = |partner: NodeId| {
+            body.topology.around_node(partner).iter().any(|t| body.topology.corners(*t).iter().any(|n| corners.contains(n)))
+        };
+        let explained = fresh.partners(node).any(|(organ, partner)| organ == body.organ && touches(partner));
+        if explained {
+            held.push(node);
+        }
+        !explained
+    });
+    held.dedup();
+    held
+}
+
+/// Lets the pairs of fresh cuts go that have parted: none of the two is among `held` (ascending), and they are apart by [`PARTED`] of an edge.
+pub fn part(fresh: &mut FreshCuts, parties: &[Party], held: &[NodeOf]) {
+    let find = |organ: Entity| parties.iter().find(|p| p.organ == organ);
+    let place = |(organ, node): NodeOf| find(organ).and_then(|p| p.positions.get(node.index()));
+    fresh.part(|a, b| {
+        let (Some(party), Some(at), Some(other)) = (find(a.0), place(a), place(b)) else { return true };
+        let around = neighbours(party.deformed(), a.1);
+        let mean = around.iter().map(|n| party.positions[n.index()].distance(*at)).sum::<f32>() / around.len() as f32;
+        !held.contains(&a) && !held.contains(&b) && at.distance(*other) > PARTED * mean
+    });
+}
+
+/// The contacts of tissue with tissue: `hits` in order of [`Hit::key`], a list of contacts for each party.
+pub fn between_tissue(hits: &[Hit], parties: &[Party], depths: &mut Depths, contacts: &mut [&mut Vec<Contact>]) {
+    for pair in hits.chunk_by(|a, b| (a.node_body, a.tet_body) == (b.node_body, b.tet_body)) {
+        let [a, b] = [pair[0].node_body, pair[0].tet_body].map(usize::from);
+        let (nodes, tets) = (&parties[a], &parties[b]);
+        let friction = friction_between(nodes.friction, tets.friction);
+        for p in depths.estimate(nodes.deformed(), tets.deformed(), pair) {
+            // Inner nodes tell how deep the others are; out of the body they come with these.
+            if nodes.shape.role(p.node) != Role::Surface {
+                continue;
+            }
+            let inside = corners_of(p, tets);
+            let own: TissuePoint = smallvec![(p.node, 1.0)];
+            let at = nodes.positions[p.node.index()];
+            let against = if a == b { Obstacle::Own(inside.clone()) } else { Obstacle::Organ { organ: tets.organ, point: inside.clone() } };
+            let velocity: Vec3 = inside.iter().map(|(n, w)| *w * tets.velocities[n.index()]).sum();
+            let way = p.direction * p.depth_m;
+            contacts[a].push(Contact {
+                point: own.clone(),
+                normal: p.direction,
+                depth_m: p.depth_m,
+                surface_m: at + way,
+                velocity_m_s: velocity,
+                friction,
+                against,
+                force_n: Vec3::ZERO,
+            });
+            if a != b {
+                contacts[b].push(Contact {
+                    point: inside,
+                    normal: -p.direction,
+                    depth_m: p.depth_m,
+                    surface_m: at - way,
+                    velocity_m_s: nodes.velocities[p.node.index()],
+                    friction,
+                    against: Obstacle::Organ { organ: nodes.organ, point: own },
+                    force_n: Vec3::ZERO,
+                });
+            }
+        }
+    }
+}
+
+fn corners_of(p: &Penetration, tets: &Party) -> TissuePoint {
+    tets.topology.corners(p.tet).into_iter().zip(p.weights).collect()
+}
+
+/// The contacts of an organ's surface with anatomy: nodes that are inside, or that would get there within the tick of `dt_s` at their velocity. Nodes deeper
+/// than `reach_m` are not found.
+pub fn with_anatomy(organ: &Party, anatomy: (Entity, &SolidSurface), friction: f32, reach_m: f32, dt_s: f32, contacts: &mut Vec<Contact>) {
+    let (entity, surface) = anatomy;
+    for (node, role) in organ.shape.roles().iter().enumerate() {
+        if *role != Role::Surface {
+            continue;
+        }
+        let (at, velocity) = (organ.positions[node], organ.velocities[node]);
+        let Some(nearest) = surface.nearest(at, reach_m) else { continue };
+        if nearest.distance_m > 0.0 && nearest.distance_m > -velocity.dot(nearest.normal) * dt_s {
+            continue;
+        }
+        contacts.push(Contact {
+            point: smallvec![(NodeId(node as u32), 1.0)],
+            normal: nearest.normal,
+            depth_m: -nearest.distance_m,
+            surface_m: nearest.point,
+            velocity_m_s: Vec3::ZERO,
+            friction: friction_between(organ.friction, friction),
+            against: Obstacle::Anatomy(entity),
+            force_n: Vec3::ZERO,
+        });
+    }
+}
+
+/// The contacts of an organ's surface with a part of an instrument; see [`ToolPart::touch`].
+pub fn with_tool(organ: &Party, tool: (Entity, &ToolPart, &Motion), friction: f32, near_m: f32, contacts: &mut Vec<Contact>) {
+    let (entity, part, motion) = tool;
+    let (low, high) = part.swept_box(motion, near_m);
+    for nodes in organ.shape.triangles() {
+        let corners = nodes.map(|n| organ.positions[n.index()]);
+        let [a, b, c] = corners;
+        if a.max(b).max(c).cmplt(low).any() || a.min(b).min(c).cmpgt(high).any() || !(a + b + c).is_finite() {
+            continue;
+        }
+        let Some(touch) = part.touch(motion, corners, near_m) else { continue };
+        contacts.push(Contact {
+            point: nodes.into_iter().zip(touch.weights).collect(),
+            normal: touch.normal,
+            depth_m: touch.depth_m,
+            surface_m: touch.surface_m,
+            velocity_m_s: touch.velocity_m_s,
+            friction: friction_between(organ.friction, friction),
+            against: Obstacle::Instrument(entity),
+            force_n: Vec3::ZERO,
+        });
+    }
+}
