@@ -230,11 +230,11 @@ impl Implicit {
         // What is moved is given energy.
         let doubtful = doubtful && holds.iter().all(|hold| hold.from == hold.to);
         if doubtful {
-            self.kept.clone_from(state);
+            copy(&mut self.kept, state);
         }
         self.finish(state, holds, step, last, settings);
         if doubtful && has_gained(tissue, &self.kept, state, step) {
-            state.clone_from(&self.kept);
+            copy(state, &self.kept);
             return Err(Astray::Wild);
         }
         Ok(())
@@ -314,7 +314,7 @@ impl Implicit {
         }
         let remember = settings.stepping == TimeStepping::TwoSteps;
         if remember {
-            self.past.before.clone_from(state);
+            copy(&mut self.past.before, state);
         }
         for (i, (x, v)) in state.positions.iter_mut().zip(&mut state.velocities).enumerate().filter(|(i, _)| self.newton.free[*i]) {
             *x = Vec3::from(self.from[i] + self.velocity[i] * last.length);
@@ -325,7 +325,7 @@ impl Implicit {
             state.positions[*i] = start.lerp(hold.to, step.end);
         }
         if remember {
-            self.past.after.clone_from(state);
+            copy(&mut self.past.after, state);
             self.past.h = step.h;
         }
     }
@@ -374,6 +374,12 @@ fn attach(newton: &mut Newton, membrane: Option<&Membrane>, holds: &[Hold], step
         let anchor = Vec3A::from(begin + (end - begin) * ((stage.before + stage.reach) / step.h));
         newton.springs.push(Spring { point, stiffness, anchor });
     }
+}
+
+/// Takes a state over into arrays that are there: assigning a clone would allocate.
+fn copy(to: &mut TissueState, from: &TissueState) {
+    to.positions.clone_from(&from.positions);
+    to.velocities.clone_from(&from.velocities);
 }
 
 /// Velocity of the centre of mass where the nodes have these velocities, m/s.
