@@ -18,7 +18,7 @@ use rayon::prelude::*;
 const CHUNK: usize = 2048;
 
 /// A level has a table of its own where it has more queries than a part of the nodes in the table: `nodes / QUERIES_A_NODE`. With 8 instead of 1 a mesh
-/// after 20 cuts took a fifth longer: its slivers are on so many levels that the tables cost more than looking at larger cells.
+/// after 20 cuts took a sixth longer: its slivers are on so many levels that the tables cost more than looking at larger cells.
 const QUERIES_A_NODE: usize = 1;
 
 /// What detection looks at of one body.
