@@ -1,6 +1,6 @@
 //! Nodes in tetrahedra: which node of any body is inside which tetrahedron of another body, or of its own.
 //!
-//! Spatial hashing as published (see [`crate::cells`]) has cells of one size, the mean length of the edges. After cuts that length is bimodal and no
+//! Spatial hashing as published (see `cells.rs`) has cells of one size, the mean length of the edges. After cuts that length is bimodal and no
 //! one size fits: a tetrahedron of the old size meets many cells, or a cell holds many nodes of the new size. The hierarchical form (M. Eitz,
 //! L. Gu, "Hierarchical spatial hashing for real-time collision detection", SMI 2007) gives each tetrahedron the level that fits its box; nodes are
 //! in the cells of every level that any tetrahedron has, and a tetrahedron looks at its own level's.
