@@ -3,7 +3,7 @@
 use bevy_math::DVec3;
 use keyhole_tetmesh::TetMesh;
 use keyhole_tissue::beam::{beam, beam_material, block};
-use keyhole_tissue::reference::{Dynamics, Problem, Statics, VolumeChange, equilibrium, unloaded};
+use keyhole_tissue::reference::{Dynamics, Problem, Statics, VolumeChange, equilibrium, slowest_mode, unloaded};
 use keyhole_whiteboard::{OrganMaterial, OrganMaterials};
 
 const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
@@ -133,6 +133,30 @@ fn ten_nodes_bend_and_do_not_lock() {
     let [stiff, soft] = [VolumeChange::Pointwise, VolumeChange::Mean].map(|change| sag([16, 2, 2], 0.499, Some(change)));
     let linear = sag([32, 4, 4], 0.499, None);
     assert!(linear < 0.95 * stiff && stiff <= soft && soft < 1.05 * stiff, "linear {linear}, stiff {stiff}, soft {soft} m");
+}
+
+/// A slender beam without Poisson's ratio swings at Euler and Bernoulli's `3.516 sqrt(E I / rho A L^4)`, less what shear and rotation take off: 1.5 % at this slenderness, and with
+/// a heavy weight at its end at that of a spring `3 E I / L^3` with its mass.
+#[test]
+fn the_slowest_mode_is_that_of_a_beam() {
+    let (length, side, young) = (0.08, 0.005, 1e6);
+    let mesh = block([16, 1, 1], [length, side, side]);
+    let problem = Problem::quadratic(&mesh, &material(1e6, 0.0), |n| mesh.rest(n).x == 0.0, VolumeChange::Pointwise).unwrap();
+    let shape: Vec<DVec3> = problem.rest.iter().map(|p| DVec3::Y * p.x * p.x).collect();
+    let inertia = side.powi(4) / 12.0;
+    let bare = slowest_mode(&problem, &problem.rest, &shape).unwrap();
+    let expected = 3.516 * (young * inertia / (1050.0 * side * side * length.powi(4))).sqrt();
+    assert!(bare < expected && bare > 0.98 * expected, "{bare}, Euler and Bernoulli {expected}");
+    let mut loaded = problem.clone();
+    let end: Vec<usize> = (0..loaded.rest.len()).filter(|i| loaded.rest[*i].x == length).collect();
+    let weight = 20.0 * loaded.masses.iter().sum::<f64>();
+    for i in &end {
+        loaded.masses[*i] += weight / end.len() as f64;
+    }
+    let slow = slowest_mode(&loaded, &loaded.rest, &shape).unwrap();
+    let mass = weight + 33.0 / 140.0 * problem.masses.iter().sum::<f64>();
+    let expected = (3.0 * young * inertia / length.powi(3) / mass).sqrt();
+    assert!(slow < 1.005 * expected && slow > 0.98 * expected, "{slow}, spring and mass {expected}");
 }
 
 /// The motion of the dropped beam converges with the square of the step, keeps nearly all energy, and falls freely when nothing holds it.
