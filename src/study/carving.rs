@@ -4,8 +4,8 @@ use crate::study::contender::{Bout, Contender};
 use bevy_math::Vec3;
 use keyhole_cutting::{BatchCut, BladeSample};
 use keyhole_tetmesh::{DVec3, NodeId, TetMesh, TopologyDelta};
-use keyhole_tissue::adopt::adopt;
 use keyhole_tissue::Momentum;
+use keyhole_tissue::adopt::adopt;
 use keyhole_whiteboard::{CutSettings, OrganMaterials};
 
 /// Samples of the blade in a tick.

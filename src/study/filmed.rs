@@ -4,7 +4,7 @@
 //! the films by their publishers, so the sag under the beam's own weight says little; what the loads add, the periods and the damping are independent. Damping is
 //! Rayleigh's: its two constants are those with which a swing under gravity alone and one under the larger load die away as filmed; under the smaller load it is foretold.
 //!
-//! At a Poisson's ratio of 0.499 linear tetrahedra lock. So the reference is computed with them and with two kinds of ten-node elements, on meshes twice as fine.
+//! At a Poisson's ratio of 0.499 linear tetrahedra lock. So the reference is computed with them and with ten-node elements, each on meshes of which one is twice as fine as the other.
 
 use crate::study::contender::{Bout, Contender, TICK_S};
 use crate::study::film::{FilmError, LOADS, Shown, read_all, ringing};
@@ -12,7 +12,7 @@ use bevy_math::{DVec3, Vec3};
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_tissue::TissueModel;
 use keyhole_tissue::beam::{block, clamp};
-use keyhole_tissue::reference::{Problem, ReferenceError, Statics, VolumeChange, equilibrium, slowest_mode};
+use keyhole_tissue::reference::{Problem, ReferenceError, Statics, equilibrium, slowest_mode};
 use keyhole_whiteboard::{OrganMaterial, OrganMaterials};
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -30,7 +30,7 @@ pub enum Who {
     /// The reference with linear elements.
     Linear,
     /// The reference with ten-node elements.
-    Quadratic(VolumeChange),
+    Quadratic,
     /// A model with linear elements.
     Model(Contender),
 }
@@ -41,8 +41,7 @@ impl Who {
     pub fn name(&self) -> String {
         match self {
             Self::Linear => "reference, linear".into(),
-            Self::Quadratic(VolumeChange::Pointwise) => "reference, quadratic".into(),
-            Self::Quadratic(VolumeChange::Mean) => "reference, quadratic, mean volume".into(),
+            Self::Quadratic => "reference, ten nodes".into(),
             Self::Model(c) => c.full_name(),
         }
     }
@@ -148,7 +147,7 @@ impl Beam {
     fn problem(&self, who: Who, load_n: f64) -> Result<Problem, ReferenceError> {
         let is_fixed = |n| self.mesh.rest(n).x == 0.0;
         let mut problem = match who {
-            Who::Quadratic(change) => Problem::quadratic(&self.mesh, &material(), is_fixed, change)?,
+            Who::Quadratic => Problem::quadratic(&self.mesh, &material(), is_fixed)?,
             _ => Problem::new(&self.mesh, &material(), is_fixed)?,
         };
         for (n, mass) in self.hung(load_n) {
@@ -166,8 +165,7 @@ pub fn conduct(folder: &Path, mut done: impl FnMut(&str)) -> Result<Filmed, Film
     let films = read_all(folder)?;
     let rayleigh = rayleigh(&films);
     let mut rows = Vec::new();
-    let mean = Who::Quadratic(VolumeChange::Mean);
-    for (who, sizes) in [(Who::Linear, &[3, 6, 12][..]), (Who::Quadratic(VolumeChange::Pointwise), &[3, 6]), (mean, &[3, 6])] {
+    for (who, sizes) in [(Who::Linear, &[3, 6, 12][..]), (Who::Quadratic, &[3, 6])] {
         for m in sizes {
             let beam = Beam::new(*m);
             // Each load begins where the one before has left the beam.

@@ -23,7 +23,7 @@ pub use dynamics::Dynamics;
 pub use energy::Tetra;
 pub use modes::slowest_mode;
 pub use prestress::unloaded;
-pub use quadratic::{Quadratic, VolumeChange};
+pub use quadratic::Quadratic;
 pub use statics::{Statics, equilibrium};
 
 use crate::material::{MaterialError, NeoHookean};
