@@ -4,7 +4,7 @@
 //! the films by their publishers, so the sag under the beam's own weight says little; what the loads add, the periods and the damping are independent. Damping is
 //! Rayleigh's: its two constants are those with which a swing under gravity alone and one under the larger load die away as filmed; under the smaller load it is foretold.
 //!
-//! At a Poisson's ratio of 0.499 linear tetrahedra lock. So the reference is computed with them and with two kinds of ten-node elements, on meshes twice as fine.
+//! At a Poisson's ratio of 0.499 linear tetrahedra lock. So the reference is computed with them and with ten-node elements, each on meshes of which one is twice as fine as the other.
 
 use crate::study::contender::{Bout, Contender, TICK_S};
 use crate::study::film::{FilmError, LOADS, Shown, read_all, ringing};
@@ -12,7 +12,7 @@ use bevy_math::{DVec3, Vec3};
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_tissue::TissueModel;
 use keyhole_tissue::beam::{block, clamp};
-use keyhole_tissue::reference::{Dynamics, Problem, ReferenceError, Statics, VolumeChange, equilibrium};
+use keyhole_tissue::reference::{Problem, ReferenceError, Statics, equilibrium, slowest_mode};
 use keyhole_whiteboard::{OrganMaterial, OrganMaterials};
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -21,8 +21,6 @@ use std::path::Path;
 const GRAVITY: f64 = 9.80709;
 /// Length and side, m.
 const BEAM: [f64; 2] = [0.1, 0.03];
-/// Steps of the reference's motion, s.
-const STEP_S: f64 = 1.0 / 240.0;
 /// Elements over the height of the models' mesh.
 const PLAYED: u32 = 6;
 
@@ -32,7 +30,7 @@ pub enum Who {
     /// The reference with linear elements.
     Linear,
     /// The reference with ten-node elements.
-    Quadratic(VolumeChange),
+    Quadratic,
     /// A model with linear elements.
     Model(Contender),
 }
@@ -43,8 +41,7 @@ impl Who {
     pub fn name(&self) -> String {
         match self {
             Self::Linear => "reference, linear".into(),
-            Self::Quadratic(VolumeChange::Pointwise) => "reference, quadratic".into(),
-            Self::Quadratic(VolumeChange::Mean) => "reference, quadratic, mean volume".into(),
+            Self::Quadratic => "reference, ten nodes".into(),
             Self::Model(c) => c.full_name(),
         }
     }
@@ -150,7 +147,7 @@ impl Beam {
     fn problem(&self, who: Who, load_n: f64) -> Result<Problem, ReferenceError> {
         let is_fixed = |n| self.mesh.rest(n).x == 0.0;
         let mut problem = match who {
-            Who::Quadratic(change) => Problem::quadratic(&self.mesh, &material(), is_fixed, change)?,
+            Who::Quadratic => Problem::quadratic(&self.mesh, &material(), is_fixed)?,
             _ => Problem::new(&self.mesh, &material(), is_fixed)?,
         };
         for (n, mass) in self.hung(load_n) {
@@ -168,8 +165,7 @@ pub fn conduct(folder: &Path, mut done: impl FnMut(&str)) -> Result<Filmed, Film
     let films = read_all(folder)?;
     let rayleigh = rayleigh(&films);
     let mut rows = Vec::new();
-    let mean = Who::Quadratic(VolumeChange::Mean);
-    for (who, sizes) in [(Who::Linear, &[3, 6, 12][..]), (Who::Quadratic(VolumeChange::Pointwise), &[3, 6]), (mean, &[3, 6])] {
+    for (who, sizes) in [(Who::Linear, &[3, 6, 12][..]), (Who::Quadratic, &[3, 6])] {
         for m in sizes {
             let beam = Beam::new(*m);
             // Each load begins where the one before has left the beam.
@@ -181,9 +177,10 @@ pub fn conduct(folder: &Path, mut done: impl FnMut(&str)) -> Result<Filmed, Film
                 let x =
                     equilibrium(&problem, start.as_deref().unwrap_or(&problem.rest), &problem.weights(DVec3::NEG_Y * GRAVITY), settings)?;
                 let sag_mm = beam.sag_mm(|n| x[n.index()]);
+                let shape: Vec<DVec3> = problem.rest.iter().map(|p| DVec3::Y * p.x * p.x).collect();
+                let omega = slowest_mode(&problem, &x, &shape)?;
+                let swing = Some((TAU / omega, rayleigh.0 / (2.0 * omega) + rayleigh.1 * omega / 2.0));
                 start = Some(x);
-                // Motion on the coarse mesh alone: it takes hundreds of steps.
-                let swing = if *m == 3 { swing_of_reference(&beam, problem, load, sag_mm, rayleigh)? } else { None };
                 rows.push(FilmedRow { who, tets: beam.mesh.tet_count(), load_n: load, sag_mm, swing });
             }
         }
@@ -212,24 +209,6 @@ fn rayleigh(films: &[Shown]) -> (f64, f64) {
 /// Seconds of motion in which a swing under this load shows two periods and a half.
 fn watched_s(load_n: f64) -> f64 {
     if load_n > 0.0 { 1.0 } else { 0.45 }
-}
-
-fn swing_of_reference(
-    beam: &Beam,
-    problem: Problem,
-    load_n: f64,
-    rest_mm: f64,
-    (drag, viscosity): (f64, f64),
-) -> Result<Option<(f64, f64)>, ReferenceError> {
-    let start = problem.rest.clone();
-    let mut body = Dynamics::new(problem, start)?;
-    (body.drag_1_s, body.viscosity_s, body.tolerance) = (drag, viscosity, 1e-5);
-    let mut samples = Vec::new();
-    for _ in 0..(watched_s(load_n) / STEP_S) as u32 {
-        body.step(STEP_S, DVec3::NEG_Y * GRAVITY, |_| None)?;
-        samples.push(beam.sag_mm(|n| body.positions[n.index()]) - rest_mm);
-    }
-    Ok(ringing(&samples, STEP_S))
 }
 
 /// Where a model comes to rest, and how it swings; `None` when it leaves the finite numbers. Models that know drag alone get the drag that damps the film of the

@@ -37,7 +37,7 @@ pub enum Hardship {
     Pulled,
     /// A node seized by a tool that moves at 10 m/s for one tick, back in the next, and lets go.
     FastTool,
-    /// A hundred strokes of a blade while it hangs.
+    /// A hundred strokes of a blade while it hangs; what comes off falls as a body of its own.
     Cuts,
     /// An hour at rest under its weight.
     LongRest,

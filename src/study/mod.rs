@@ -6,8 +6,9 @@
 //! knows the engine.
 //!
 //! [`trade`] says what each soft-tissue model ([`contender`]) costs and how right it is on bodies whose answer is known ([`specimen`], [`film`], [`filmed`], [`refinement`]);
-//! [`stability`] what each survives ([`hardship`]).
+//! [`stability`] what each survives ([`hardship`], [`carving`]).
 
+pub mod carving;
 pub mod claims;
 pub mod contender;
 pub mod film;

@@ -4,7 +4,7 @@ use crate::study::specimen::{Case, Specimen};
 use crate::study::trade::TradeError;
 use bevy_math::DVec3;
 use keyhole_tissue::beam::block;
-use keyhole_tissue::reference::{Problem, ReferenceError, Statics, VolumeChange, equilibrium};
+use keyhole_tissue::reference::{Problem, ReferenceError, Statics, equilibrium};
 use keyhole_whiteboard::{OrganMaterial, OrganMaterials};
 
 /// Elements of the reference.
@@ -13,7 +13,7 @@ pub enum Elements {
     /// Four nodes.
     Linear,
     /// Ten nodes.
-    Quadratic(VolumeChange),
+    Quadratic,
 }
 
 impl Elements {
@@ -22,8 +22,7 @@ impl Elements {
     pub fn name(self) -> &'static str {
         match self {
             Self::Linear => "linear",
-            Self::Quadratic(VolumeChange::Pointwise) => "ten nodes",
-            Self::Quadratic(VolumeChange::Mean) => "ten nodes, mean volume",
+            Self::Quadratic => "ten nodes",
         }
     }
 }
@@ -68,7 +67,7 @@ fn slender(m: u32, elements: Elements) -> Result<Refined, ReferenceError> {
     let is_fixed = |n| mesh.rest(n).x == 0.0;
     let problem = match elements {
         Elements::Linear => Problem::new(&mesh, &materials, is_fixed)?,
-        Elements::Quadratic(change) => Problem::quadratic(&mesh, &materials, is_fixed, change)?,
+        Elements::Quadratic => Problem::quadratic(&mesh, &materials, is_fixed)?,
     };
     let x = equilibrium(&problem, &problem.rest, &problem.weights(DVec3::NEG_Y * GRAVITY), Statics::default())?;
     let end: Vec<_> = mesh.nodes().filter(|n| mesh.rest(*n).x > LENGTH - 1e-9).collect();
@@ -79,7 +78,7 @@ fn slender(m: u32, elements: Elements) -> Result<Refined, ReferenceError> {
 fn hanging(specimen: &Specimen, elements: Elements) -> Result<Refined, ReferenceError> {
     let body = match elements {
         Elements::Linear => specimen.problem()?,
-        Elements::Quadratic(change) => specimen.quadratic(change)?,
+        Elements::Quadratic => specimen.quadratic()?,
     };
     let x = specimen.rest(&body)?;
     let answer = -specimen.ask(|n| x[n.index()]);
@@ -92,13 +91,12 @@ fn hanging(specimen: &Specimen, elements: Elements) -> Result<Refined, Reference
 /// When the reference has no answer.
 pub fn conduct(mut done: impl FnMut(&str)) -> Result<Vec<Refined>, TradeError> {
     let mut all = Vec::new();
-    let quadratic = Elements::Quadratic(VolumeChange::Pointwise);
+    let quadratic = Elements::Quadratic;
     for (elements, m) in [(Elements::Linear, 2), (Elements::Linear, 4), (Elements::Linear, 6), (quadratic, 1), (quadratic, 2)] {
         done(&format!("reference, {SLENDER}, {m} over its height, {}", elements.name()));
         all.push(slender(m, elements).map_err(|source| TradeError::Reference { case: SLENDER, tets: 40 * (m as usize).pow(3), source })?);
     }
-    let mean = Elements::Quadratic(VolumeChange::Mean);
-    for (elements, sizes) in [(Elements::Linear, &[5, 8, 13][..]), (quadratic, &[3, 5, 8]), (mean, &[3, 5, 8])] {
+    for (elements, sizes) in [(Elements::Linear, &[5, 8, 13][..]), (quadratic, &[3, 5, 8])] {
         for m in sizes {
             done(&format!("reference, cantilever, {m} over its height, {}", elements.name()));
             let specimen = Case::Cantilever.specimen(*m)?;
@@ -118,8 +116,7 @@ mod tests {
     #[test]
     fn ten_nodes_bend() {
         let closed = beam_theory()[1].1;
-        let [linear, quadratic] =
-            [Elements::Linear, Elements::Quadratic(VolumeChange::Pointwise)].map(|e| slender(1, e).unwrap().answer / closed - 1.0);
+        let [linear, quadratic] = [Elements::Linear, Elements::Quadratic].map(|e| slender(1, e).unwrap().answer / closed - 1.0);
         assert!(linear < -0.4 && quadratic.abs() < 0.02, "{linear} {quadratic}");
     }
 }

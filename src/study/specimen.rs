@@ -8,7 +8,7 @@ use bevy_math::{DVec3, Vec3};
 use keyhole_imaging::ImagingError;
 use keyhole_tetmesh::{Boundary, NodeId, TetMesh};
 use keyhole_tissue::beam::{block, fix};
-use keyhole_tissue::reference::{Problem, ReferenceError, Statics, VolumeChange, equilibrium};
+use keyhole_tissue::reference::{Problem, ReferenceError, Statics, equilibrium};
 use keyhole_tissue::{Hold, NeoHookean};
 use keyhole_whiteboard::{OrganMaterial, OrganMaterials};
 use smallvec::smallvec;
@@ -155,8 +155,8 @@ impl Specimen {
     ///
     /// # Errors
     /// When a material is none.
-    pub fn quadratic(&self, change: VolumeChange) -> Result<(Problem, Vec<DVec3>), ReferenceError> {
-        let problem = Problem::quadratic(&self.mesh, &self.materials, |n| self.fixed.iter().any(|(f, _)| *f == n), change)?;
+    pub fn quadratic(&self) -> Result<(Problem, Vec<DVec3>), ReferenceError> {
+        let problem = Problem::quadratic(&self.mesh, &self.materials, |n| self.fixed.iter().any(|(f, _)| *f == n))?;
         let mut loads = problem.weights(self.gravity);
         for ([a, b], force) in &self.pressed {
             if let Some(middle) = problem.middle(*a, *b) {

@@ -6,15 +6,14 @@
 //!
 //! The explicit model's largest step is predicted as `2 / omega_max`, of its own springs and of the continuum ([`crate::study::stable_step`]), and measured by halving.
 
+use crate::study::carving::Carving;
 use crate::study::contender::{Bout, Contender};
 use crate::study::hardship::Hardship;
 use crate::study::stable_step::{Elastic, Resonance};
 use bevy_math::Vec3;
-use keyhole_cutting::{BatchCut, BladeSample};
-use keyhole_tetmesh::{DVec3, TetId, TetMesh};
-use keyhole_tissue::adopt::adopt;
-use keyhole_tissue::{Body, ModelState, Momentum, TeschnerSettings, TissueModel, TissueSettings};
-use keyhole_whiteboard::{CutSettings, OrganMaterials, TissueState};
+use keyhole_tetmesh::{TetId, TetMesh};
+use keyhole_tissue::{Body, ModelState, TeschnerSettings, TissueModel, TissueSettings};
+use keyhole_whiteboard::{OrganMaterials, TissueState};
 use std::time::Instant;
 
 /// Length of the beam, m: what distances are compared with.
@@ -75,28 +74,22 @@ pub fn endure(hardship: Hardship, contender: &Contender, patience_s: f64) -> Opt
     let dt = hardship.tick_s();
     let gravity = hardship.gravity();
     let start = bout.body.elastic_energy(&bout.state);
-    let mut cut = (hardship == Hardship::Cuts).then(|| (BatchCut::new(mesh.clone(), CutSettings::default()), strokes()));
+    let mut carving = (hardship == Hardship::Cuts).then(|| Carving::new(&mesh));
     let ticks = (hardship.seconds() / dt).round() as u32;
     let begin = Instant::now();
     let (mut broke_s, mut last_away, mut simulated_s, mut done_work) = (None, -1.0_f32, 0.0, 0.0_f64);
     let mut now = mesh.clone();
     for tick in 0..ticks {
         let t = (tick + 1) as f32 * dt;
-        if let Some((cut, strokes)) = &mut cut {
-            for _ in 0..3 {
-                let Some(sample) = strokes.pop() else { break };
-                let delta = cut.step(sample).delta;
-                if !delta.is_empty() {
-                    adopt(&mut bout.body, &mut bout.state, &cut.mesh, &delta, |_| Momentum::default());
-                    bout.model.adopt(&bout.body, &cut.mesh, &delta);
-                    now = cut.mesh.clone();
-                }
-            }
+        if let Some(carving) = &mut carving {
+            carving.advance(&mut bout, contender, &materials, DRAG_1_S);
+            now = carving.mesh().clone();
         }
         let holds = hardship.holds(&now, &bout.state, t);
         bout.tick(&holds, gravity, dt);
         simulated_s = t;
-        if !bout.is_finite() {
+        let pieces_are_finite = carving.as_mut().is_none_or(|c| c.step_pieces(gravity, dt));
+        if !(bout.is_finite() && pieces_are_finite) {
             broke_s = Some(t);
             break;
         }
@@ -143,25 +136,6 @@ fn energy(body: &Body, state: &TissueState) -> f64 {
 /// Largest distance of a node from its place in the rest shape, as a part of the length.
 fn off(mesh: &TetMesh, state: &TissueState) -> f64 {
     mesh.nodes().map(|n| state.position(n).as_dvec3().distance(mesh.rest(n))).fold(0.0, f64::max) / LENGTH
-}
-
-/// A hundred strokes from above across the beam, 6 to 12 mm deep, at places that come again; the last first.
-fn strokes() -> Vec<BladeSample> {
-    let mut samples = Vec::new();
-    for i in 0..100 {
-        let x = 0.012 + 0.04 * (f64::from(i) * 0.618).fract();
-        let depth = 0.006 + 0.006 * (f64::from(i) * 0.414).fract();
-        let lean = 0.012 * ((f64::from(i) * 0.732).fract() - 0.5);
-        let at = |z: f64, active: bool| BladeSample {
-            t_s: f64::from(i),
-            tip: DVec3::new(x + lean, 0.03 - depth, z),
-            heel: DVec3::new(x, 0.04, z),
-            active,
-        };
-        samples.extend([at(-0.002, true), at(0.015, true), at(0.032, true), at(0.032, false)]);
-    }
-    samples.reverse();
-    samples
 }
 
 /// Predicted and measured largest step of the explicit model on some meshes.

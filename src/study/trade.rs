@@ -9,7 +9,7 @@ use crate::study::contender::{Bout, Contender, TICK_S};
 use crate::study::specimen::{Case, Specimen};
 use keyhole_imaging::ImagingError;
 use keyhole_tissue::TissueSettings;
-use keyhole_tissue::reference::{Dynamics, ReferenceError, VolumeChange};
+use keyhole_tissue::reference::{Dynamics, ReferenceError};
 
 /// What a study of the trade is about.
 #[derive(Clone, Debug)]
@@ -127,7 +127,7 @@ pub fn conduct(plan: &TradePlan, mut done: impl FnMut(&str)) -> Result<Trade, Tr
                 (Some(closed), _) => closed,
                 (None, Some(truth)) if !own_shape => truth,
                 _ => {
-                    let body = specimen.quadratic(VolumeChange::Pointwise).map_err(|e| failed(specimen, e))?;
+                    let body = specimen.quadratic().map_err(|e| failed(specimen, e))?;
                     let x = specimen.rest(&body).map_err(|e| failed(specimen, e))?;
                     specimen.ask(|n| x[n.index()])
                 }

@@ -242,8 +242,7 @@ fn refinement(refined: &[Refined]) -> Markup {
     };
     html! {
         p {
-            "All models but the explicit one share linear elements and the reference's equilibrium on a mesh; this is what the mesh itself is worth. Ten-node elements with the volume taken at points approach from the stiff side, with its mean over the element from the "
-            "softer one."
+            "All models but the explicit one share linear elements and the reference's equilibrium on a mesh; this is what the mesh itself is worth."
         }
         (table(&["what", "elements", "tets", "displacement of the end, mm", "closed form", "closed form with shear"], &refined.iter().map(row).collect::<Vec<_>>()))
     }

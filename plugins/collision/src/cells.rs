@@ -30,8 +30,6 @@ pub(crate) fn cell_of(level: Level) -> f32 {
 /// A node in a table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Tag {
-    /// Its body.
-    pub(crate) body: u16,
     /// Whether tetrahedra of its own body are looked at.
     pub(crate) own: bool,
     /// Its slot.

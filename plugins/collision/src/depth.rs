@@ -135,12 +135,13 @@ impl Depths {
 
     /// The nodes that no border has reached: one direction for all that hang together.
     fn lead_out(&mut self, nodes: Deformed, tets: Deformed) {
+        let mut lost = Vec::new();
         for first in 0..self.list.len() {
             if self.done[first] {
                 continue;
             }
             let mut together = vec![first];
-            // Marked as done while they are gathered; those without a way out are taken back.
+            // Marked as done while they are gathered; those without a way out are taken back at the end.
             self.done[first] = true;
             let mut at = 0;
             while at < together.len() {
@@ -169,16 +170,12 @@ impl Depths {
             for (i, depth) in together.iter().zip(ways) {
                 match (depth, best) {
                     (Some(depth), Some((_, direction))) => self.finish(*i, depth, direction),
-                    _ => self.done[*i] = false,
+                    _ => lost.push(*i),
                 }
             }
-            if best.is_none() {
-                // They stay unknown; the loop must not come back to them.
-                for i in together {
-                    self.done[i] = false;
-                    self.places[self.list[i].node.index()] = 0;
-                }
-            }
+        }
+        for i in lost {
+            self.done[i] = false;
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Nodes in tetrahedra: which node of any body is inside which tetrahedron of another body, or of its own.
 //!
-//! Spatial hashing as published (see [`crate::cells`]) has cells of one size, the mean length of the edges. After cuts that length is bimodal and no
+//! Spatial hashing as published (see `cells.rs`) has cells of one size, the mean length of the edges. After cuts that length is bimodal and no
 //! one size fits: a tetrahedron of the old size meets many cells, or a cell holds many nodes of the new size. The hierarchical form (M. Eitz,
 //! L. Gu, "Hierarchical spatial hashing for real-time collision detection", SMI 2007) gives each tetrahedron the level that fits its box; nodes are
 //! in the cells of every level that any tetrahedron has, and a tetrahedron looks at its own level's.
@@ -18,7 +18,7 @@ use rayon::prelude::*;
 const CHUNK: usize = 2048;
 
 /// A level has a table of its own where it has more queries than a part of the nodes in the table: `nodes / QUERIES_A_NODE`. With 8 instead of 1 a mesh
-/// after 20 cuts took a fifth longer: its slivers are on so many levels that the tables cost more than looking at larger cells.
+/// after 20 cuts took a sixth longer: its slivers are on so many levels that the tables cost more than looking at larger cells.
 const QUERIES_A_NODE: usize = 1;
 
 /// What detection looks at of one body.
@@ -72,9 +72,11 @@ pub struct Detector {
     chunks: Vec<Chunk>,
     points: Vec<Vec3A>,
     tags: Vec<Tag>,
+    /// By body: where its nodes begin in the two lists; one more at the end.
+    begins: Vec<usize>,
     /// By body and node slot: on which sides of the space that the body shares with others the node is.
     sides: Vec<Vec<u8>>,
-    /// By level.
+    /// By body and level. A table for each body, so that a tetrahedron looks at no nodes of bodies that it cannot meet.
     tables: Vec<CellTable>,
     hits: Vec<Hit>,
 }
@@ -163,13 +165,16 @@ impl Detector {
             Grading::Hierarchical => cell_of(level as Level),
             Grading::Flat(cell_m) => cell_m,
         };
-        let (points, tags) = (&self.points, &self.tags);
-        self.tables.resize_with(LEVELS, CellTable::default);
+        let (points, tags, begins) = (&self.points, &self.tags, &self.begins);
+        self.tables.resize_with(self.tables.len().max(LEVELS * bodies.len()), CellTable::default);
         let serves = |level: usize| levels.contains(&Some(level as Level));
-        let occupied = self.tables.par_iter_mut().enumerate().filter(|(level, _)| serves(*level));
-        occupied.for_each(|(level, table)| table.build(cell(level), points, tags));
-        let tables = &self.tables;
-        self.chunks[..chunks].par_iter_mut().for_each(|chunk| chunk.look(&bodies[chunk.body], tables, &levels));
+        let tables = self.tables[..LEVELS * bodies.len()].par_iter_mut().enumerate();
+        tables.filter(|(i, _)| serves(i % LEVELS)).for_each(|(i, table)| {
+            let nodes = begins[i / LEVELS]..begins[i / LEVELS + 1];
+            table.build(cell(i % LEVELS), &points[nodes.clone()], &tags[nodes]);
+        });
+        let (tables, boxes) = (&self.tables, &self.boxes);
+        self.chunks[..chunks].par_iter_mut().for_each(|chunk| chunk.look(&bodies[chunk.body], boxes, tables, &levels));
         self.hits.clear();
         for chunk in &self.chunks[..chunks] {
             self.hits.extend_from_slice(&chunk.hits);
@@ -227,8 +232,10 @@ impl Detector {
     fn gather_nodes(&mut self, bodies: &[Body]) {
         self.points.clear();
         self.tags.clear();
+        self.begins.clear();
         self.sides.resize_with(self.sides.len().max(bodies.len()), Vec::new);
         for (body, of) in bodies.iter().enumerate() {
+            self.begins.push(self.points.len());
             let others = |p: Vec3A| self.boxes.iter().enumerate().any(|(other, b)| other != body && b.contains(p));
             let meeting = self.boxes.iter().enumerate().filter(|(other, b)| *other != body && b.meets(&self.boxes[body]));
             let shared =
@@ -247,10 +254,11 @@ impl Detector {
                 let own = of.self_collision && *role == Role::Surface;
                 if side == 0 && *role != Role::Unused && point.is_finite() && (own || others(point)) {
                     self.points.push(point);
-                    self.tags.push(Tag { body: body as u16, own, node: node as u32 });
+                    self.tags.push(Tag { own, node: node as u32 });
                 }
             }
         }
+        self.begins.push(self.points.len());
     }
 }
 
@@ -284,26 +292,31 @@ impl Chunk {
     }
 
     /// Finds the nodes in the listed tetrahedra.
-    fn look(&mut self, own: &Body, tables: &[CellTable], levels: &[Option<Level>; LEVELS]) {
+    fn look(&mut self, own: &Body, boxes: &[Bounds], tables: &[CellTable], levels: &[Option<Level>; LEVELS]) {
         self.hits.clear();
-        let body = self.body as u16;
         let (corners, positions) = (own.shape.corners(), own.positions);
         for Query { bounds, tet, level } in &self.queries {
-            let nodes = corners[*tet as usize];
             let Some(level) = levels[usize::from(*level)] else { continue };
-            let table = &tables[usize::from(level)];
-            let found = table.list_box(bounds.low, bounds.high, &mut self.found);
+            let nodes = corners[*tet as usize];
             let mut weights = None;
-            for at in found {
-                let (point, tag) = table.node(*at);
-                let node = NodeId(tag.node);
-                if tag.body == body && (!tag.own || nodes.contains(&node)) {
+            for (body, of) in boxes.iter().enumerate() {
+                let is_own = body == self.body;
+                if (is_own && !own.self_collision) || !of.meets(bounds) {
                     continue;
                 }
-                let weights = weights.get_or_insert_with(|| Weights::of(nodes.map(|n| positions[n.index()].into())));
-                let Some(weights) = weights else { break };
-                if let Some(weights) = weights.inside(point) {
-                    self.hits.push(Hit { node_body: tag.body, node, tet_body: body, tet: TetId(*tet), weights });
+                let table = &tables[body * LEVELS + usize::from(level)];
+                for at in table.list_box(bounds.low, bounds.high, &mut self.found) {
+                    let (point, tag) = table.node(*at);
+                    let node = NodeId(tag.node);
+                    if is_own && (!tag.own || nodes.contains(&node)) {
+                        continue;
+                    }
+                    let weights = weights.get_or_insert_with(|| Weights::of(nodes.map(|n| positions[n.index()].into())));
+                    let Some(weights) = weights else { break };
+                    if let Some(weights) = weights.inside(point) {
+                        let [node_body, tet_body] = [body, self.body].map(|b| b as u16);
+                        self.hits.push(Hit { node_body, node, tet_body, tet: TetId(*tet), weights });
+                    }
                 }
             }
         }

@@ -5,9 +5,10 @@
 use crate::blade::BladeSample;
 use crate::course::BladeId;
 use crate::cutter::{Cutter, Operations, StepReport};
+use crate::fragment::{Fragment, detach};
 use keyhole_tetmesh::components::Components;
 use keyhole_tetmesh::quality::{Quality, of_tets};
-use keyhole_tetmesh::{DVec3, NodeEdit, TetId, TetMesh, TopologyDelta};
+use keyhole_tetmesh::{DVec3, NodeEdit, NodeId, TetId, TetMesh, TopologyDelta};
 use keyhole_whiteboard::CutSettings;
 use serde::Serialize;
 use std::time::{Duration, Instant};
@@ -134,6 +135,12 @@ impl BatchCut {
         let mut done = StepReport::default();
         self.end(&mut done);
         self.moved(done, start)
+    }
+
+    /// Takes the pieces that strokes have cut off out of the mesh, all but the one that has most of the nodes `held`. Between strokes.
+    pub fn detach(&mut self, held: &[NodeId]) -> (Vec<Fragment>, TopologyDelta) {
+        let pieces = detach(&mut self.mesh, &mut self.cutter, held);
+        (pieces, self.mesh.take_delta())
     }
 
     /// Moves the blade to a sample and looks at the whole mesh.

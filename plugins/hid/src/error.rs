@@ -26,6 +26,11 @@ pub enum DescriptorError {
     Parser(String),
 }
 
+/// A rule of profiles that is broken: what was found and what was expected.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct RuleError(pub String);
+
 /// What is wrong with a profile.
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
@@ -42,24 +47,16 @@ pub enum ProfileError {
         what: String,
     },
     /// It says something that cannot be.
-    #[error("{place}: {what}")]
+    #[error("{place}: {rule}")]
     Meaning {
         /// The file, or the name of a shipped profile.
         place: String,
-        /// What was found, what was expected.
-        what: String,
+        /// The rule that is broken.
+        rule: RuleError,
     },
     /// It cannot be read.
     #[error("{}: {source}", path.display())]
     Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// It cannot be written.
-    #[error("{}: {source}; an existing profile is never overwritten: name another file with -o", path.display())]
-    Write {
         /// The file.
         path: PathBuf,
         /// Why.

@@ -225,6 +225,7 @@ impl Channel {
         self.raw = None;
         self.at = None;
         self.doubted = None;
+        self.watch.settle();
         if let Some(filter) = &mut self.filter {
             filter.reset();
         }

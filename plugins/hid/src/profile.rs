@@ -284,7 +284,7 @@ impl Profile {
         }
         let read: Result<Self, _> = options().from_str(text);
         let profile = read.map_err(|e| syntax(e.span.start.line, e.span.start.col, e.code.to_string()))?;
-        profile.check().map_err(|what| ProfileError::Meaning { place: place.into(), what })?;
+        profile.check().map_err(|rule| ProfileError::Meaning { place: place.into(), rule })?;
         Ok(profile)
     }
 

@@ -102,6 +102,11 @@ impl AxisWatch {
         stride
     }
 
+    /// The hand is somewhere else: the way there was no trembling.
+    pub fn settle(&mut self) {
+        *self = Self { others: self.others, ..Self::default() };
+    }
+
     /// Takes note that the other axes of the hand travelled so many ranges.
     pub fn others_travelled(&mut self, ranges: f64) {
         self.others += ranges;

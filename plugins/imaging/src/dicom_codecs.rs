@@ -95,6 +95,47 @@ fn jpeg_2000(data: &[u8], [columns, rows]: [usize; 2]) -> Result<Vec<u16>, Strin
     Ok(samples.iter().map(|v| (v.round() as i32).saturating_add(shift).clamp(low, high) as u16).collect())
 }
 
+/// Whether a transfer syntax is JPEG proper, which dicom-rs decodes.
+pub(crate) fn is_jpeg(syntax: &str) -> bool {
+    syntax.strip_prefix("1.2.840.10008.1.2.4.").and_then(|n| n.parse::<u32>().ok()).is_some_and(|n| (50..=70).contains(&n))
+}
+
+/// Refuses JPEG frames of another size than the file declares: the decoder trusts them to agree.
+pub(crate) fn check_jpeg(pixels: &PixelFragmentSequence<Vec<u8>>, [columns, rows]: [usize; 2], count: usize) -> Result<(), String> {
+    for data in frames(pixels, count)? {
+        let headers = jpeg_frame_headers(&data).ok_or("broken JPEG header")?;
+        let expected = [(columns, rows, 1)];
+        if headers != expected {
+            return Err(format!("its JPEG frame headers (columns, rows, components) are {headers:?}, expected {expected:?}"));
+        }
+    }
+    Ok(())
+}
+
+/// Columns, rows and components of every frame header before the first scan (ISO/IEC 10918-1, B.2.2).
+fn jpeg_frame_headers(data: &[u8]) -> Option<Vec<(usize, usize, u8)>> {
+    let (mut at, mut found) = (2, Vec::new());
+    if word(data, 0)? != 0xffd8 {
+        return None;
+    }
+    loop {
+        let marker = word(data, at)?;
+        match marker {
+            // A byte of fill before a marker.
+            0xffff => at += 1,
+            0xffda => return Some(found),
+            0xff01 | 0xffd0..=0xffd9 | 0..0xff01 => return None,
+            _ => {
+                let length = usize::from(word(data, at + 2)?);
+                if (0xffc0..=0xffcf).contains(&marker) && ![0xffc4, 0xffc8, 0xffcc].contains(&marker) {
+                    found.push((word(data, at + 7)?.into(), word(data, at + 5)?.into(), *data.get(at + 9)?));
+                }
+                at += 2 + length.max(2);
+            }
+        }
+    }
+}
+
 /// Pixels of a tile, and of a side of a precinct, below which an image is refused: bookkeeping would take many times the memory of the
 /// pixels, and no encoder goes near them.
 const LEAST_TILE: usize = 1024;

@@ -1,6 +1,6 @@
 //! Pixels of one frame as Hounsfield units, whatever their bits, sign and transfer syntax.
 
-use crate::dicom_codecs::Codec;
+use crate::dicom_codecs::{Codec, check_jpeg, is_jpeg};
 use crate::dicom_file::Elements;
 use crate::error::ImagingError;
 use dicom_core::DicomValue;
@@ -80,7 +80,12 @@ impl<'a> Frames<'a> {
                 let size = [e.count(tags::COLUMNS)?, e.count(tags::ROWS)?];
                 codec.decode(fragments, size, count, width).map_err(bad)?.into()
             }
-            (DicomValue::PixelSequence(_), None) => object.decode_pixel_data().map_err(|e| bad(e.to_string()))?.into_data().into(),
+            (DicomValue::PixelSequence(fragments), None) => {
+                if is_jpeg(&syntax) {
+                    check_jpeg(fragments, [e.count(tags::COLUMNS)?, e.count(tags::ROWS)?], count).map_err(bad)?;
+                }
+                object.decode_pixel_data().map_err(|e| bad(e.to_string()))?.into_data().into()
+            }
             _ => pixels.to_bytes().map_err(|e| bad(e.to_string()))?,
         };
         if bytes.len() < needed {

@@ -346,7 +346,7 @@ pub struct SceneCapsule {
 }
 
 /// Settings of the tissue's time stepping.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SceneTissue {
     /// Substeps a tick, 1 to 1000. Default: what suits the model, 1 for Implicit, 40 for Xpbd and XpbdSprings, 4 for Vbd. Teschner takes as many as its stability
@@ -361,12 +361,6 @@ pub struct SceneTissue {
     /// Whether the organs' meshes are the shapes in which gravity and what holds them rigidly have left them, as in a scan: the rest shape is then the one that
     /// hangs so. Found when the scene starts, in seconds to a minute an organ. Default no.
     pub prestress: bool,
-}
-
-impl Default for SceneTissue {
-    fn default() -> Self {
-        Self { substeps: None, model: SceneTissueModel::default(), stepping: SceneTimeStepping::default(), capsule: None, prestress: false }
-    }
 }
 
 /// Keyframes that the scene performs by itself.

@@ -6,12 +6,14 @@
 //! - [`statics`]: where a loaded body comes to rest; line search on the potential energy, load in as many steps as it takes;
 //! - [`dynamics`]: how it gets there; the second order backward differentiation formula;
 //! - [`quadratic`]: ten-node elements of the same energy, for what linear ones tend to as they get small, and for nearly incompressible material;
+//! - [`modes`]: how slowly it swings about an equilibrium;
 //! - [`prestress`]: which rest shape comes to rest at the shape that was scanned.
 //!
 //! Unlike [`crate::Body`] it takes the material as it is for slivers, too.
 
 pub mod dynamics;
 pub mod energy;
+pub mod modes;
 pub mod prestress;
 pub mod quadratic;
 pub mod sparse;
@@ -19,8 +21,9 @@ pub mod statics;
 
 pub use dynamics::Dynamics;
 pub use energy::Tetra;
+pub use modes::slowest_mode;
 pub use prestress::unloaded;
-pub use quadratic::{Quadratic, VolumeChange};
+pub use quadratic::Quadratic;
 pub use statics::{Statics, equilibrium};
 
 use crate::material::{MaterialError, NeoHookean};

@@ -3,9 +3,6 @@
 //! At rest the edges are straight and the middle nodes half way, so an element's gradients are linear in its barycentric coordinates; four points of equal weight
 //! integrate what linear elasticity needs exactly. With `g_i` the gradients of the ten shape functions at a point, `F = sum x_i g_i'`, `c_i = cof F g_i` and
 //! `p = lambda (J - a)`, force and tangent are those of [`super::energy`], summed over the points; they hold for any gradients, for `J` is linear in each node.
-//!
-//! [`VolumeChange::Mean`] takes `J` as its mean over the element: one constraint of volume for each instead of four (Nagtegaal, Parks, Rice 1974). It approaches the
-//! solution of nearly incompressible bodies from the other side, so that both together enclose it.
 
 use super::energy::{cofactor, skew};
 use super::{Problem, ReferenceError};
@@ -24,15 +21,6 @@ const POINT: [f64; 2] = [0.585_410_196_624_968_5, 0.138_196_601_125_010_5];
 /// Share of an element's mass at a corner and at a middle node: the diagonal of the consistent matrix, scaled to the whole mass (Hinton, Rock, Zienkiewicz 1976).
 const MASS: [f64; 2] = [1.0 / 36.0, 4.0 / 27.0];
 
-/// Where the change of volume is taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum VolumeChange {
-    /// At each point of integration.
-    Pointwise,
-    /// Its mean over the element.
-    Mean,
-}
-
 /// A ten-node tetrahedron.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quadratic {
@@ -46,14 +34,12 @@ pub struct Quadratic {
     pub mu: f64,
     /// Lame's first parameter plus `mu`, Pa.
     pub lambda: f64,
-    /// Where the change of volume is taken.
-    pub change: VolumeChange,
 }
 
 impl Quadratic {
     /// An element with the given rest positions of its corners, m.
     #[must_use]
-    pub fn new(nodes: [u32; 10], p: [DVec3; 4], material: NeoHookean, change: VolumeChange) -> Self {
+    pub fn new(nodes: [u32; 10], p: [DVec3; 4], material: NeoHookean) -> Self {
         let [_, a, b, c] = p.map(|q| q - p[0]);
         let six = a.dot(b.cross(c));
         let g = [b.cross(c) / six, c.cross(a) / six, a.cross(b) / six];
@@ -68,7 +54,7 @@ impl Quadratic {
                 }
             })
         });
-        Self { nodes, gradients, volume: six / 6.0, mu: f64::from(material.mu), lambda: f64::from(material.lambda), change }
+        Self { nodes, gradients, volume: six / 6.0, mu: f64::from(material.mu), lambda: f64::from(material.lambda) }
     }
 
     /// The positions of its nodes among all.
@@ -88,25 +74,22 @@ impl Quadratic {
         })
     }
 
-    /// `J` as the volumetric term takes it, at the four points.
-    fn changes(&self, f: &[DMat3; 4]) -> [f64; 4] {
-        let j = f.map(|f| f.determinant());
-        match self.change {
-            VolumeChange::Pointwise => j,
-            VolumeChange::Mean => [j.iter().sum::<f64>() / 4.0; 4],
-        }
-    }
-
     /// Energy, J: zero at rest.
     #[must_use]
     pub fn energy(&self, x: [DVec3; 10]) -> f64 {
         let f = self.deformations(&x);
         let a = 1.0 + self.mu / self.lambda;
-        let at = |(f, j): (&DMat3, f64)| {
+        let at = |f: &DMat3| {
             let squares = f.x_axis.length_squared() + f.y_axis.length_squared() + f.z_axis.length_squared();
+            let j = f.determinant();
             self.mu / 2.0 * (squares - 3.0) + self.lambda / 2.0 * (j - 1.0) * (j + 1.0 - 2.0 * a)
         };
-        self.volume / 4.0 * f.iter().zip(self.changes(&f)).map(at).sum::<f64>()
+        self.volume / 4.0 * f.iter().map(at).sum::<f64>()
+    }
+
+    /// Derivative of the energy's volumetric term, Pa.
+    fn pressure(&self, f: &DMat3) -> f64 {
+        self.lambda * (f.determinant() - 1.0) - self.mu
     }
 
     /// Forces on the nodes, N.
@@ -114,8 +97,8 @@ impl Quadratic {
     pub fn forces(&self, x: [DVec3; 10]) -> [DVec3; 10] {
         let f = self.deformations(&x);
         let mut forces = [DVec3::ZERO; 10];
-        for ((f, j), gradients) in f.iter().zip(self.changes(&f)).zip(&self.gradients) {
-            let stress = *f * self.mu + cofactor(f) * (self.lambda * (j - 1.0) - self.mu);
+        for (f, gradients) in f.iter().zip(&self.gradients) {
+            let stress = *f * self.mu + cofactor(f) * self.pressure(f);
             for (force, g) in forces.iter_mut().zip(gradients) {
                 *force -= stress * *g * (self.volume / 4.0);
             }
@@ -127,31 +110,17 @@ impl Quadratic {
     #[must_use]
     pub fn stiffness(&self, x: [DVec3; 10], geometric: f64) -> [[DMat3; 10]; 10] {
         let f = self.deformations(&x);
-        let changes = self.changes(&f);
         let mut k = [[DMat3::ZERO; 10]; 10];
         let weight = self.volume / 4.0;
-        let mut mean = [DVec3::ZERO; 10];
-        for ((f, j), gradients) in f.iter().zip(changes).zip(&self.gradients) {
+        for (f, gradients) in f.iter().zip(&self.gradients) {
             let cof = cofactor(f);
-            let p = geometric * (self.lambda * (j - 1.0) - self.mu);
+            let p = geometric * self.pressure(f);
             let c = gradients.map(|g| cof * g);
-            for (m, c) in mean.iter_mut().zip(c) {
-                *m += c / 4.0;
-            }
             for (i, row) in k.iter_mut().enumerate() {
                 for (j, block) in row.iter_mut().enumerate() {
                     let (g, h) = (gradients[i], gradients[j]);
-                    *block += (DMat3::from_diagonal(DVec3::splat(self.mu * g.dot(h))) - skew(*f * g.cross(h)) * p) * weight;
-                    if self.change == VolumeChange::Pointwise {
-                        *block += outer(c[i], c[j]) * (self.lambda * weight);
-                    }
-                }
-            }
-        }
-        if self.change == VolumeChange::Mean {
-            for (i, row) in k.iter_mut().enumerate() {
-                for (j, block) in row.iter_mut().enumerate() {
-                    *block += outer(mean[i], mean[j]) * (self.lambda * self.volume);
+                    let bulk = outer(c[i], c[j]) * self.lambda - skew(*f * g.cross(h)) * p;
+                    *block += (DMat3::from_diagonal(DVec3::splat(self.mu * g.dot(h))) + bulk) * weight;
                 }
             }
         }
@@ -169,12 +138,7 @@ impl Problem {
     ///
     /// # Errors
     /// When a material has constants that no material has.
-    pub fn quadratic(
-        mesh: &TetMesh,
-        materials: &OrganMaterials,
-        is_fixed: impl Fn(NodeId) -> bool,
-        change: VolumeChange,
-    ) -> Result<Self, ReferenceError> {
+    pub fn quadratic(mesh: &TetMesh, materials: &OrganMaterials, is_fixed: impl Fn(NodeId) -> bool) -> Result<Self, ReferenceError> {
         let linear = Self::new(mesh, materials, is_fixed)?;
         let constants = materials.0.iter().map(NeoHookean::of).collect::<Result<Vec<_>, _>>()?;
         let Self { mut rest, mut fixed, .. } = linear;
@@ -197,7 +161,7 @@ impl Problem {
                 });
             }
             let id = usize::from(mesh.tet(tet).material.0).min(constants.len() - 1);
-            let element = Quadratic::new(nodes, corners.map(|n| rest[n as usize]), constants[id], change);
+            let element = Quadratic::new(nodes, corners.map(|n| rest[n as usize]), constants[id]);
             let mass = f64::from(materials.0[id].density_kg_m3) * element.volume;
             for (i, n) in nodes.iter().enumerate() {
                 masses[*n as usize] += mass * MASS[usize::from(i >= 4)];
@@ -232,12 +196,11 @@ mod tests {
     proptest! {
         /// Force is minus the gradient of the energy, the tangent that of minus the force, by central differences, far from rest.
         #[test]
-        fn derivatives(x in prop::array::uniform10(vector()), d in prop::array::uniform10(vector()), nu in 0.0..0.49_f32, mean in any::<bool>()) {
+        fn derivatives(x in prop::array::uniform10(vector()), d in prop::array::uniform10(vector()), nu in 0.0..0.49_f32) {
             let rest = [DVec3::ZERO, DVec3::new(1.0, 0.1, 0.0), DVec3::new(0.2, 0.9, 0.1), DVec3::new(0.1, 0.3, 1.1)];
             let mu = 1.0 / (2.0 * (1.0 + nu));
             let material = NeoHookean { mu, lambda: nu / ((1.0 + nu) * (1.0 - 2.0 * nu)) + mu };
-            let change = if mean { VolumeChange::Mean } else { VolumeChange::Pointwise };
-            let t = Quadratic::new(std::array::from_fn(|i| i as u32), rest, material, change);
+            let t = Quadratic::new(std::array::from_fn(|i| i as u32), rest, material);
             let h = 1e-6;
             let moved = |s: f64| std::array::from_fn(|i| x[i] + d[i] * (s * h));
             let slope = (t.energy(moved(1.0)) - t.energy(moved(-1.0))) / (2.0 * h);
