@@ -30,6 +30,8 @@ pub mod report;
 pub mod resample;
 mod stencil;
 pub mod stuffing;
+#[cfg(test)]
+mod stuffing_bound;
 pub mod surface;
 pub mod surface_distance;
 mod topology;

@@ -1,8 +1,9 @@
 //! Isosurface stuffing: tetrahedra with proved dihedral angles inside the zero level of a field.
 //!
 //! F. Labelle, J. R. Shewchuk, "Isosurface Stuffing: Fast Tetrahedral Meshes with Good Dihedral Angles", SIGGRAPH 2007. Lattice points
-//! close to a cut point move onto it, the other edges are cut, and a stencil keeps what is inside. With the thresholds below and
-//! the parity rule every dihedral angle lies in [10.7, 164.8] degrees whatever the field is (their theorem for the uniform lattice).
+//! close to a cut point move onto it, the other edges are cut, and a stencil keeps what is inside. With the parity rule every dihedral angle lies in
+//! [10.7, 164.8] degrees, as theirs do, whatever the field is and wherever the points go that move: the thresholds are not theirs but the pair for
+//! which that holds (`stuffing_bound.rs` goes through all stencils; with 0.24999 and 0.41189 it finds 9.3 degrees, and so did a field).
 //!
 //! The core may be coarser ([`Stuffer::with_core`]).
 //!
@@ -20,11 +21,11 @@ use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 use std::collections::BTreeMap;
 
-/// A long edge's end moves when the cut point is closer than this part of the edge (Labelle and Shewchuk 2007, table 1).
-pub const ALPHA_LONG: f64 = 0.249_99;
+/// A long edge's end moves when the cut point is closer than this part of the edge.
+pub const ALPHA_LONG: f64 = 0.284;
 /// The same for short edges.
-pub const ALPHA_SHORT: f64 = 0.411_89;
-/// The proved interval of dihedral angles, degrees, to the digits published.
+pub const ALPHA_SHORT: f64 = 0.398;
+/// The interval of dihedral angles, degrees: Labelle and Shewchuk's (2007, table 1) to the digits published.
 pub const PROVED_DEGREES: [f64; 2] = [10.7, 164.8];
 /// Part of an edge that a passage takes at its own end.
 const PASSAGE: f64 = 0.42;
@@ -350,7 +351,7 @@ impl Cut {
 /// With one cut edge long it ends at that edge's cut point. With both short, `p`-`q` is a long edge of one lattice and `n` of the other:
 /// the diagonal starts at the end from which an even number of coordinates decrease towards `n` (the parity rule), which differs from `p`
 /// to `q` and between the two faces at `p`-`q` of every tetrahedron.
-fn diagonal_from_first(lattice: &Lattice, tet: [Point; 4], p: usize, q: usize, n: usize) -> bool {
+pub(crate) fn diagonal_from_first(lattice: &Lattice, tet: [Point; 4], p: usize, q: usize, n: usize) -> bool {
     let [dp, dq, dn] = [p, q, n].map(|v| lattice.doubled(tet[v]));
     let same_lattice = |a: [i32; 3], b: [i32; 3]| (a[0] ^ b[0]) & 1 == 0;
     if same_lattice(dq, dn) {

@@ -134,6 +134,24 @@ fn a_coarse_core_changes_nothing_at_the_surface() {
     }
 }
 
+/// With the thresholds of the paper one tetrahedron here had an angle of 10.3 degrees: a corner moved far along a short edge, towards the far end of a long
+/// one that is cut near its other end.
+#[test]
+fn corners_that_move_far_keep_the_bound() {
+    let waves = [
+        ([6.416239259298551, 1.2761201739663752, -4.838737161878566], 2.193351659703323, 0.07278633460501636),
+        ([-8.675217374997864, 8.695644388111605, 6.340227418467906], 6.173705916956388, 0.36670046592145916),
+        ([-1.089712236395844, 3.213697481512047, 4.982676329884736], 0.9951606220798205, 0.3293340431331195),
+    ];
+    let shift = DVec3::new(0.13946000943909312, 0.13544754739341977, 0.0);
+    let field = move |p: DVec3| {
+        let w: f64 = waves.iter().map(|(k, phase, amplitude)| amplitude * (DVec3::from_array(*k).dot(p) + phase).sin()).sum();
+        (1.3 - (p - shift).length()).min(0.4 + w)
+    };
+    let stuffer = Stuffer::new(&field, DVec3::splat(-2.0), DVec3::splat(2.3), 0.28774819299856613);
+    assert_bounds(&stuffer.stuff(0.0, Keep::All).unwrap());
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
     /// Sums of waves with wavelengths down to two cells: blobs, tunnels, thin walls and kissing sheets, all within a ball.
