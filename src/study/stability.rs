@@ -156,7 +156,8 @@ pub fn step_limits() -> Vec<StepLimit> {
         };
         let all: Vec<TetId> = mesh.iter().map(|(t, _)| t).collect();
         let continuum = Resonance::new(Elastic::from(&materials.0[0]), 1).stable_step_s(&mesh, &all);
-        let (mut low, mut high) = (0.25 * predicted_s, 4.0 * predicted_s);
+        // No bisection of this bracket is the prediction itself.
+        let (mut low, mut high) = (0.3 * predicted_s, 4.7 * predicted_s);
         for _ in 0..10 {
             let middle = (low * high).sqrt();
             if explodes(&mesh, &materials, middle) { high = middle } else { low = middle }
@@ -165,7 +166,7 @@ pub fn step_limits() -> Vec<StepLimit> {
             name: name.into(),
             predicted_s: f64::from(predicted_s),
             continuum_s: continuum.unwrap_or(f64::NAN),
-            measured_s: f64::from(low),
+            measured_s: f64::from((low * high).sqrt()),
         });
     }
     limits
