@@ -233,7 +233,7 @@ impl Implicit {
             copy(&mut self.kept, state);
         }
         self.finish(state, holds, step, last, settings);
-        if doubtful && has_gained(tissue, &self.kept, state, step) {
+        if doubtful && has_gained(tissue, &self.newton.springs, &self.kept, state, step) {
             copy(state, &self.kept);
             return Err(Astray::Wild);
         }
@@ -331,8 +331,8 @@ impl Implicit {
     }
 }
 
-/// Whether a body has more energy than it had before, and than its weight has given it by falling: nothing that stands still gives it any.
-fn has_gained(tissue: Tissue<'_>, before: &TissueState, state: &TissueState, step: Step) -> bool {
+/// Whether a body has more energy than it had before, and than its weight and springs to points that stand still have given it: nothing else gives it any.
+fn has_gained(tissue: Tissue<'_>, springs: &[Spring], before: &TissueState, state: &TissueState, step: Step) -> bool {
     let body = tissue.body;
     let energy = |state: &TissueState| {
         let at = |m: &Membrane| m.energy(&state.positions.iter().map(|x| x.as_dvec3()).collect::<Vec<_>>());
@@ -340,7 +340,15 @@ fn has_gained(tissue: Tissue<'_>, before: &TissueState, state: &TissueState, ste
     };
     let fallen = |(m, (x, b)): (&f32, (&Vec3, &Vec3))| f64::from(*m) * f64::from((*x - *b).dot(step.gravity));
     let moved = state.positions.iter().zip(&before.positions);
-    let work: f64 = body.masses.iter().zip(moved).filter(|(m, _)| **m > 0.0).map(fallen).sum();
+    let weight: f64 = body.masses.iter().zip(moved).filter(|(m, _)| **m > 0.0).map(fallen).sum();
+    // The mean force times the way, not a difference of energies: a load may be a soft spring to a point far away.
+    let pulled = |spring: &Spring| {
+        let at =
+            |state: &TissueState| spring.point.iter().map(|(n, w)| state.positions[n.index()].as_dvec3() * f64::from(*w)).sum::<DVec3>();
+        let (from, to) = (at(before), at(state));
+        f64::from(spring.stiffness) * (spring.anchor.as_dvec3() - (from + to) / 2.0).dot(to - from)
+    };
+    let work = weight + springs.iter().map(pulled).sum::<f64>();
     let had = energy(before);
     energy(state) > had + work + GAIN * (had + work.abs())
 }
