@@ -171,7 +171,7 @@ fn models(only: Option<u32>, name: Option<&str>) {
     for ([n, m], reference) in REFERENCE.into_iter().filter(|([n, _], _)| only.is_none_or(|o| o == *n)) {
         let scene = Scene::beam(n, m);
         println!("{} tets", scene.mesh.tet_count());
-        for model in [xpbd(10), xpbd(40), vbd(1, 20), vbd(4, 20), TissueModel::Teschner(TeschnerSettings::default())]
+        for model in [xpbd(10), xpbd(40), vbd(1, 8), vbd(1, 20), vbd(4, 20), TissueModel::Teschner(TeschnerSettings::default())]
             .into_iter()
             .filter(|m| name.is_none_or(|n| n == m.name()))
         {
