@@ -12,7 +12,7 @@ use std::process::Command;
 
 /// Some hundred tetrahedra.
 fn kidney() -> StudyMesh {
-    let mesh = phantom_kidneys(&[15.0]).unwrap().remove(0);
+    let mesh = phantom_kidneys(&[12.0]).unwrap().remove(0);
     assert!((200..2000).contains(&mesh.mesh.tet_count()), "{}", mesh.name);
     StudyMesh { is_phantom: false, ..mesh }
 }
@@ -91,7 +91,7 @@ fn figures_agree_with_each_other_and_with_what_the_methods_are() {
         let deleted = [progressive, hybrid, waiting].map(|r| r.end().operations.deleted);
         assert!(deleted.is_sorted_by(|a, b| a > b), "{deleted:?}");
         let (lags, edge_mm) = ([waiting.max_lag_mm, hybrid.max_lag_mm], hybrid.mean_edge_mm);
-        assert!(lags[0] > edge_mm && lags[1] < 0.9 * edge_mm, "{pattern:?}: {lags:?} with edges of {edge_mm} mm");
+        assert!(lags[0] > edge_mm && lags[1] < 0.5 * edge_mm, "{pattern:?}: {lags:?} with edges of {edge_mm} mm");
     }
     let growth = |method, pattern, snap| find(method, pattern, snap).end().growth;
     let on = Plan::snaps()[0];
