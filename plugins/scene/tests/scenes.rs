@@ -55,7 +55,7 @@ fn the_starter_names_a_given_mesh_relative_to_itself() {
     keyhole_tetmesh::vtu::write(&mesh, &ellipsoid(), &[]).unwrap();
     let out = folder.path().join("scenes/o.scene.ron");
     new_scene(Some(&mesh), &out).unwrap();
-    assert_eq!(parse(&std::fs::read_to_string(&out).unwrap()).unwrap().organs[0].mesh, "../meshes/o.vtu");
+    assert_eq!(parse(&std::fs::read_to_string(&out).unwrap()).unwrap().organs[0].mesh.as_deref(), Some("../meshes/o.vtu"));
     assert_eq!(check(&out), []);
 }
 
