@@ -28,7 +28,10 @@ impl Plugin for RigidPlugin {
         app.init_resource::<RigidSettings>()
             .init_resource::<Workspace>()
             .add_systems(FixedUpdate, soften.after(TickSystems::Adopt).before(TickSystems::Collide).run_if(running).run_if(required))
-            .add_systems(FixedUpdate, (adopt_changes, rigidify, prepare, step).chain().in_set(TickSystems::Rigid).run_if(required));
+            .add_systems(
+                FixedUpdate,
+                (adopt_changes, rigidify, prepare, step, carry_tissue).chain().in_set(TickSystems::Rigid).run_if(required),
+            );
     }
 }
 
@@ -159,7 +162,7 @@ fn prepare(
     mut report: ResMut<RigidReport>,
 ) {
     let work = &mut *work;
-    let world = work.world.get_or_insert_with(|| RigidWorld::new(&settings));
+    let world = work.world.get_or_insert_with(RigidWorld::new);
     world.retain(|entity| there.contains(entity));
     let friction = |own: Option<&SurfaceFriction>, of_kind: f32| own.map_or(of_kind, |f| f.0);
     let mut new: Vec<_> = bodies.iter().collect();
@@ -195,7 +198,6 @@ fn prepare(
     }
 }
 
-type Moved<'a> = (Entity, &'a mut RigidPose, Option<&'a Rigidified>, Option<&'a mut TissueState>);
 type Touched<'a> = (Entity, &'a TissueState, &'a TouchedSurface, Option<&'a SurfaceFriction>);
 
 fn step(
@@ -205,7 +207,7 @@ fn step(
     settings: Res<RigidSettings>,
     mut work: ResMut<Workspace>,
     mut report: ResMut<RigidReport>,
-    mut bodies: Query<Moved, With<Seen>>,
+    mut bodies: Query<(Entity, &mut RigidPose), With<Seen>>,
     held: Query<(Entity, &HeldBy), With<RigidBody>>,
     mut tools: Query<(Entity, &InstrumentPose, &Jaws, Option<&mut PushingParts>), With<Instrument>>,
     organs: Query<Touched, Without<Rigidified>>,
@@ -229,12 +231,17 @@ fn step(
         report.quarantined.push(body);
         commands.entity(body).insert(RigidQuarantined { time_s: time.elapsed_secs_f64() });
     }
-    for (entity, mut pose, frozen, state) in &mut bodies {
-        let Some(now) = world.pose(entity) else { continue };
-        let moved = pose.set_if_neq(*now);
-        if let (true, Some(frozen), Some(mut state)) = (moved, frozen, state) {
-            follow(&frozen.local, now, &mut state);
+    for (entity, mut pose) in &mut bodies {
+        if let Some(now) = world.pose(entity) {
+            pose.set_if_neq(*now);
         }
+    }
+}
+
+/// The tissue of rigid organs goes where they go.
+fn carry_tissue(mut organs: Query<(&Rigidified, &RigidPose, &mut TissueState), Changed<RigidPose>>) {
+    for (frozen, pose, mut state) in &mut organs {
+        follow(&frozen.local, pose, &mut state);
     }
 }
 

@@ -1,6 +1,6 @@
 //! From the shape that the whiteboard has to what rapier collides, with errors for shapes that enclose nothing.
 
-use crate::convert::{from_rapier, matrix_to_rapier, to_rapier};
+use crate::convert::{from_rapier, length_to_rapier, matrix_to_rapier, to_rapier};
 use crate::mass::Mass;
 use bevy_math::{Mat3, Vec3};
 use keyhole_whiteboard::{RigidMass, RigidShape};
@@ -100,7 +100,7 @@ pub fn build(shape: &RigidShape, density_kg_m3: f32, mass: Option<&RigidMass>) -
                 return Err(ShapeError::NoLength { index });
             }
             let own = Mass::of_bars(&doubles(points), f64::from(*radius_m), density);
-            let bar = |p: &[Vec3]| SharedShape::capsule(to_rapier(p[0]), to_rapier(p[1]), *radius_m);
+            let bar = |p: &[Vec3]| SharedShape::capsule(to_rapier(p[0]), to_rapier(p[1]), length_to_rapier(*radius_m));
             let mut bars: Vec<_> = points.windows(2).map(|p| (Pose::IDENTITY, bar(p))).collect();
             let shape = if bars.len() == 1 { bars.swap_remove(0).1 } else { SharedShape::compound(bars) };
             (shape, own)
@@ -138,6 +138,7 @@ impl Built {
         let unit = inertia_kg_m2.x_axis.x + inertia_kg_m2.y_axis.y + inertia_kg_m2.z_axis.z;
         let scaled = MassProperties::with_inertia_matrix(to_rapier(centre), 1.0, matrix_to_rapier(inertia_kg_m2 * unit.recip()));
         let frame = scaled.principal_inertia_local_frame;
+        let unit = length_to_rapier(length_to_rapier(unit));
         MassProperties::with_principal_inertia_frame(to_rapier(centre), mass_kg, scaled.principal_inertia() * unit, frame)
     }
 

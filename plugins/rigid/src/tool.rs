@@ -1,11 +1,10 @@
 //! The parts of an instrument that push rigid bodies: the shaft as a bar, and the hulls of what is ahead of it.
 
-use crate::convert::to_rapier;
+use crate::convert::{length_to_rapier, to_rapier};
+use crate::world::Motion;
 use bevy_math::{Isometry3d, Vec3};
 use keyhole_whiteboard::{Instrument, InstrumentPose, Joint, ToolModel};
 use rapier3d::geometry::SharedShape;
-
-use crate::world::Motion;
 
 /// The parts of an instrument.
 #[derive(Clone)]
@@ -22,7 +21,7 @@ impl ToolParts {
     pub fn of(instrument: &Instrument, model: &ToolModel, angle_rad: f32) -> Self {
         let radius = instrument.shaft_radius_m;
         let end = |z: f32| to_rapier(Vec3::Z * z);
-        let shaft = SharedShape::capsule(end(radius), end(instrument.shaft_length_m), radius);
+        let shaft = SharedShape::capsule(end(radius), end(instrument.shaft_length_m), length_to_rapier(radius));
         let ahead = model.parts.iter().filter_map(|part| {
             let points: Vec<Vec3> = part.mesh.vertices.iter().map(|v| Vec3::from_array(*v)).collect();
             // What lies along the shaft is in its bar.

@@ -3,8 +3,7 @@
 //! Bodies are dynamic, or kinematic while an instrument holds them. Anatomy is fixed. The parts of instruments are kinematic bodies, and so are the
 //! pieces of tissue's surface that are near a body ([`crate::surface`]): tissue carries what lies on it and does not feel it.
 
-use crate::convert::{from_rapier, pose_from_rapier, pose_to_rapier, to_rapier};
-use crate::settings::RigidSettings;
+use crate::convert::{from_rapier, length_to_rapier, pose_from_rapier, pose_to_rapier, to_rapier, turn_from_rapier, turn_to_rapier};
 use crate::shape::Built;
 use bevy_ecs::entity::Entity;
 use bevy_math::{Isometry3d, Vec3};
@@ -81,16 +80,21 @@ impl PhysicsHooks for OwnPieces {
     }
 }
 
+impl Default for RigidWorld {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl RigidWorld {
     /// An empty world.
     #[must_use]
-    pub fn new(settings: &RigidSettings) -> Self {
+    pub fn new() -> Self {
         let mut physics = PhysicsWorld::new();
         let parameters = &mut physics.integration_parameters;
-        parameters.length_unit = settings.length_unit_m;
         // A contact that is taken over from the step before is wrong by up to half a millimetre.
         parameters.contact_recycling = false;
-        parameters.normalized_max_linear_velocity = MOST_SPEED_M_S / settings.length_unit_m;
+        parameters.normalized_max_linear_velocity = length_to_rapier(MOST_SPEED_M_S);
         Self { physics, bodies: BTreeMap::new(), tools: BTreeMap::new(), anatomy: BTreeMap::new(), pieces: BTreeMap::new() }
     }
 
@@ -117,7 +121,7 @@ impl RigidWorld {
         let rigid = RigidBodyBuilder::dynamic()
             .pose(pose_to_rapier(at.now))
             .linvel(to_rapier(at.linear_m_s))
-            .angvel(to_rapier(at.angular_rad_s))
+            .angvel(turn_to_rapier(at.angular_rad_s))
             .additional_mass_properties(built.properties())
             .allow_fast_rotation(true)
             .gyroscopic_forces_enabled(true)
@@ -265,7 +269,7 @@ impl RigidWorld {
                 None if rigid.is_kinematic() => {
                     rigid.set_body_type(RigidBodyType::Dynamic, true);
                     rigid.set_linvel(to_rapier(member.last.linear_m_s), true);
-                    rigid.set_angvel(to_rapier(member.last.angular_rad_s), true);
+                    rigid.set_angvel(turn_to_rapier(member.last.angular_rad_s), true);
                     if let Some(collider) = self.physics.colliders.get_mut(member.collider) {
                         collider.set_enabled(true);
                     }
@@ -281,7 +285,7 @@ impl RigidWorld {
             let Some(rigid) = self.physics.bodies.get_mut(member.handle) else { continue };
             let before = member.last.now;
             let now = pose_from_rapier(rigid.position());
-            let (mut linear_m_s, mut angular_rad_s) = (from_rapier(rigid.linvel()), from_rapier(rigid.angvel()));
+            let (mut linear_m_s, mut angular_rad_s) = (from_rapier(rigid.linvel()), turn_from_rapier(rigid.angvel()));
             let centre = from_rapier(rigid.local_center_of_mass());
             if let Some(motion) = held.get(entity) {
                 linear_m_s = (motion.to * centre - motion.from * centre) / dt_s;
@@ -326,7 +330,6 @@ fn with_friction(collider: ColliderBuilder, friction: f32) -> ColliderBuilder {
 /// A surface that pushes to its outer side alone.
 fn surface(vertices: &[Vec3], triangles: &[[u32; 3]]) -> Result<SharedShape, String> {
     let vertices = vertices.iter().map(|v| to_rapier(*v)).collect();
-    let flags = TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES;
-    let mesh = TriMesh::with_flags(vertices, triangles.to_vec(), flags).map_err(|error| error.to_string())?;
+    let mesh = TriMesh::with_flags(vertices, triangles.to_vec(), TriMeshFlags::ORIENTED).map_err(|error| error.to_string())?;
     Ok(SharedShape::new(mesh))
 }

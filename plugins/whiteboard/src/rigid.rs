@@ -96,7 +96,7 @@ pub struct RigidQuarantined {
     pub time_s: f64,
 }
 
-/// When a fragment becomes rigid. It becomes soft again as soon as something holds it or an instrument touches it. Written by the scene.
+/// When a fragment becomes rigid. It becomes soft again as soon as something holds it or cuts it. Written by the scene.
 #[derive(Resource, Clone, Copy, Debug, Default, PartialEq)]
 pub struct RigidFragments {
     /// Those that are lighter, kg: at once. Default `None`: none of them.

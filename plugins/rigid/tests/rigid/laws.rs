@@ -41,7 +41,7 @@ struct Theatre {
 impl Theatre {
     fn new() -> Self {
         let settings = RigidSettings::default();
-        Self { world: RigidWorld::new(&settings), settings, count: 0 }
+        Self { world: RigidWorld::new(), settings, count: 0 }
     }
 
     fn name(&mut self) -> Entity {
@@ -91,7 +91,7 @@ fn a_body_falls_freely() {
     let h = DT / theatre.settings.steps as f32 / 4.0;
     assert!((fallen - 9.81 * 0.125).abs() < 9.81 * 0.5 * h * 0.6, "{fallen}");
     // About its long axis, a principal one, it goes on turning as it did.
-    assert!((pose.angular_rad_s - Vec3::X).length() < 1e-4, "{}", pose.angular_rad_s);
+    assert!((pose.angular_rad_s - Vec3::X).length() < 5e-4, "{}", pose.angular_rad_s);
 }
 
 /// A slab at an angle below and above that of friction: it stays, or slides with g (sin a - mu cos a).
@@ -163,6 +163,30 @@ fn a_clip_passes_no_thin_wall() {
             theatre.run(DT);
             let x = theatre.pose(body).now.translation.x;
             assert!(x < 0.0, "turn {turn}: at {x} m");
+        }
+    }
+}
+
+/// Dropped on its edge, its end or its corner onto a floor of triangles from a third of its thickness to more than its length it passes none, and rests.
+#[test]
+fn a_clip_falls_through_no_mesh() {
+    for cell in [0.0003f32, 0.001, 0.003, 0.02] {
+        let cells = (0.04 / cell) as u32;
+        let grid = |i: u32| i as f32 * cell - 0.02;
+        let vertices: Vec<Vec3> = (0..=cells).flat_map(|z| (0..=cells).map(move |x| Vec3::new(grid(x), 0.0, grid(z)))).collect();
+        let quads = (0..cells).flat_map(|z| (0..cells).map(move |x| x + z * (cells + 1)));
+        let triangles: Vec<[u32; 3]> = quads.flat_map(|a| [[a, a + cells + 1, a + cells + 2], [a, a + cells + 2, a + 1]]).collect();
+        for turn in 0..6u8 {
+            let mut theatre = Theatre::new();
+            let floor = theatre.name();
+            theatre.world.insert_anatomy(floor, &vertices, &triangles, 0.3).unwrap();
+            let turned = Quat::from_euler(bevy_math::EulerRot::XYZ, 0.4 * f32::from(turn), 0.3 * f32::from(turn), 0.5 + f32::from(turn));
+            let start = RigidPose::at_rest(Isometry3d::new(Vec3::new(0.001, 0.03, 0.002), turned));
+            let body = theatre.body(&clip(), start, 0.3);
+            theatre.run(1.0);
+            let pose = theatre.pose(body);
+            let y = pose.now.translation.y;
+            assert!((0.0004..0.005).contains(&y), "cell {cell} turn {turn}: {y}");
         }
     }
 }
