@@ -11,6 +11,7 @@ pub mod device;
 pub mod grasp;
 pub mod instrument;
 pub mod organ;
+pub mod rigid;
 pub mod scene;
 pub mod tick;
 
@@ -25,5 +26,6 @@ pub use instrument::{
     ToolModel, ToolPart,
 };
 pub use organ::{Anatomy, FragmentDetached, FreedFrom, Organ, OrganMaterial, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
+pub use rigid::{HeldBy, RigidBody, RigidFragments, RigidMass, RigidPose, RigidQuarantined, RigidReport, RigidShape, Rigidified};
 pub use scene::{Gravity, SceneRequirements};
 pub use tick::{SenseSystems, TickCost, TickSystems, WhiteboardPlugin};

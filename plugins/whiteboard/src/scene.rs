@@ -24,6 +24,8 @@ pub struct SceneRequirements {
     pub instruments: bool,
     /// There is an organ, and something that it may touch: an instrument, another organ, solid anatomy, or itself once it has been cut.
     pub collision: bool,
+    /// There is something rigid, or there may be: clips that can drop, a needle, fragments that become rigid.
+    pub rigid: bool,
 }
 
 impl SceneRequirements {
@@ -43,6 +45,12 @@ impl SceneRequirements {
     #[must_use]
     pub fn collision(requirements: Res<Self>) -> bool {
         requirements.collision
+    }
+
+    /// Run condition of rigid.
+    #[must_use]
+    pub fn rigid(requirements: Res<Self>) -> bool {
+        requirements.rigid
     }
 
     /// Run condition of instruments.

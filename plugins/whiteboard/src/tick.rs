@@ -1,8 +1,8 @@
 //! One tick of the simulator: the order of its sets, and what each cost.
 
 use crate::{
-    CutSettings, CutStatus, DeviceHands, DeviceStatus, Gravity, KeyMap, PointerClaims, SceneRequirements, SimulationControl,
-    TopologyChanged, ViewMode,
+    CutSettings, CutStatus, DeviceHands, DeviceStatus, Gravity, KeyMap, PointerClaims, RigidFragments, RigidReport, SceneRequirements,
+    SimulationControl, TopologyChanged, ViewMode,
 };
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
@@ -92,6 +92,8 @@ impl Plugin for WhiteboardPlugin {
             .init_resource::<TickCost>()
             .init_resource::<DeviceStatus>()
             .init_resource::<DeviceHands>()
+            .init_resource::<RigidFragments>()
+            .init_resource::<RigidReport>()
             .add_message::<TopologyChanged>()
             .edit_schedule(FixedUpdate, |schedule| {
                 schedule.set_build_settings(ScheduleBuildSettings { ambiguity_detection: LogLevel::Error, ..Default::default() });
