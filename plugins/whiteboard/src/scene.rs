@@ -24,6 +24,8 @@ pub struct SceneRequirements {
     pub instruments: bool,
     /// There is an organ, and something that it may touch: an instrument, another organ, solid anatomy, or itself once it has been cut.
     pub collision: bool,
+    /// There is a needle.
+    pub suturing: bool,
 }
 
 impl SceneRequirements {
@@ -43,6 +45,12 @@ impl SceneRequirements {
     #[must_use]
     pub fn collision(requirements: Res<Self>) -> bool {
         requirements.collision
+    }
+
+    /// Run condition of suturing.
+    #[must_use]
+    pub fn suturing(requirements: Res<Self>) -> bool {
+        requirements.suturing
     }
 
     /// Run condition of instruments.
