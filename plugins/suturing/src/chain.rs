@@ -8,6 +8,8 @@
 //! is held to its tissue by a compliance, both sides of a knot are in one place. The matrix of `l` is a band but for the knots, so that a solve costs as much as
 //! a sweep of a relaxation does, and a pull at one end is felt at the other at once, however long the thread.
 //!
+//! A thread does not push: a span that is shorter than its thread resists with no more than its inertia, as if the thread were wound up in it.
+//!
 //! A taut thread is stiff sideways too, by its tension over the length of its spans, and so light that an explicit tension would throw it about: Newton's method takes the
 //! double of that as mass, which bounds it from above (after Andrews, Teichmann, Kry, "Geometric stiffness for real-time constrained multibody
 //! dynamics", Eurographics 2017). What is solved does not depend on it; where the steps end early the thread is late sideways, never early.
@@ -73,6 +75,8 @@ pub struct Eye {
     pub place: DVec3,
     /// m/s.
     pub velocity: DVec3,
+    /// Of the second eye of a knot: how far it still is from the first, m.
+    pub offset: DVec3,
     /// Difference of tension that it holds against [`Slide::Forward`] and [`Slide::Back`], N.
     pub drag_n: [f64; 2],
     /// Coulomb's coefficient where the thread turns: the capstan's law.
@@ -87,8 +91,8 @@ impl Eye {
     /// An eye where the thread is, at rest.
     #[must_use]
     pub fn new(hold: EyeHold, at_m: f64, place: DVec3) -> Self {
-        let (velocity, slide) = (DVec3::ZERO, Slide::Rests);
-        Self { hold, at_m, place, velocity, drag_n: [0.0; 2], friction: 0.0, slide, tension_n: [0.0; 2] }
+        let (velocity, offset, slide) = (DVec3::ZERO, DVec3::ZERO, Slide::Rests);
+        Self { hold, at_m, place, velocity, offset, drag_n: [0.0; 2], friction: 0.0, slide, tension_n: [0.0; 2] }
     }
 
     /// What friction adds to the smaller tension where the thread turns by this angle, in this direction, N.
@@ -109,9 +113,13 @@ pub struct Held {
 /// Nearer to an eye than this part of a segment there is no particle, and no second eye.
 pub const CLEARANCE: f64 = 0.15;
 /// Newton steps of a projection at most.
-const STEPS: usize = 24;
+const STEPS: usize = 60;
 /// A sliding thread that is pushed by more than this part of its pull rests.
 const PUSH: f64 = 0.1;
+/// Solves of a Newton step until the stiffness sideways fits its tensions, at most.
+const STIFFENINGS: usize = 4;
+/// A tension is new when it is so many times what was known.
+const TAUTER: f64 = 4.0;
 /// Part of the shortest span to which a projection is exact.
 const PRECISION: f64 = 1e-4;
 /// Trials of which eyes slide, at most.
@@ -170,7 +178,7 @@ enum Row {
     /// A coordinate of a node is held.
     Tie { node: usize, axis: usize, place: DVec3 },
     /// A coordinate of two nodes is the same.
-    Link { nodes: [usize; 2], axis: usize },
+    Link { nodes: [usize; 2], axis: usize, offset: f64 },
 }
 
 type Gradients = SmallVec<[(usize, DVec3); 8]>;
@@ -185,7 +193,14 @@ struct Work {
     matrix: Skyline,
     right: Vec<f64>,
     multipliers: Vec<f64>,
+    /// By row, of the side of its law that it is on.
     compliances: Vec<f64>,
+    /// By row, of a span that is pulled.
+    stiff: Vec<f64>,
+    /// By row, the right-hand side before what the residuals add.
+    errors: Vec<f64>,
+    /// Of a span that is pushed.
+    soft: f64,
 }
 
 impl Chain {
@@ -222,6 +237,21 @@ impl Chain {
     #[must_use]
     pub fn clearance_m(&self) -> f64 {
         CLEARANCE * self.segment_m
+    }
+
+    /// Where a length from the tail (m) is, m.
+    #[must_use]
+    pub fn place_at(&self, at_m: f64) -> DVec3 {
+        let along = (at_m / self.segment_m).clamp(0.0, (self.places.len() - 1) as f64);
+        let i = (along as usize).min(self.places.len() - 2);
+        self.places[i].lerp(self.places[i + 1], along - i as f64)
+    }
+
+    /// Largest tension between two lengths from the tail (m), N.
+    #[must_use]
+    pub fn tension_between(&self, from_m: f64, to_m: f64) -> f64 {
+        let within = |i: usize| (from_m..=to_m).contains(&(self.segment_m * i as f64));
+        self.tensions.iter().enumerate().skip(1).filter(|(i, _)| within(i - 1) && within(*i)).map(|(_, t)| *t).fold(0.0, f64::max)
     }
 
     /// Lengths from the tail (m) and places (m) of all that the thread runs through, in order: its centre line.
@@ -375,7 +405,9 @@ impl Work {
             let EyeHold::Knot(knot) = eyes[e].hold else { continue };
             let other = self.nodes[n + 1..].iter().position(|o| matches!(o.who, Who::Eye(e) if eyes[e].hold == EyeHold::Knot(knot)));
             if let Some(other) = other {
-                self.rows.extend((0..3).map(|axis| Row::Link { nodes: [n, n + 1 + other], axis }));
+                let second = n + 1 + other;
+                let Who::Eye(e) = self.nodes[second].who else { continue };
+                self.rows.extend((0..3).map(|axis| Row::Link { nodes: [n, second], axis, offset: eyes[e].offset[axis] }));
             }
         }
     }
@@ -392,6 +424,7 @@ impl Work {
         self.compliances.clear();
         let length = |from: usize, to: usize, nodes: &[Node]| nodes[to].at_m - nodes[from].at_m;
         let shortest = self.nodes.windows(2).map(|n| n[1].at_m - n[0].at_m).fold(f64::INFINITY, f64::min);
+        let longest = self.nodes.windows(2).map(|n| n[1].at_m - n[0].at_m).fold(0.0, f64::max);
         for row in &self.rows {
             let compliance = match row {
                 Row::Span { from, to } => length(*from, *to, &self.nodes) / law.stretch_n,
@@ -406,6 +439,8 @@ impl Work {
             };
             self.compliances.push(compliance / (dt * dt));
         }
+        self.stiff.clone_from(&self.compliances);
+        self.soft = 1.0 / (law.line_density_kg_m * longest);
         self.around.resize_with(self.nodes.len().max(self.around.len()), SmallVec::new);
         for _ in 0..STEPS {
             if self.newton_step(eyes, dt) < PRECISION {
@@ -416,23 +451,52 @@ impl Work {
 
     /// One Newton step; returns the largest of the errors of the constraints before it and of its moves, as part of the shortest span.
     fn newton_step(&mut self, eyes: &[Eye], dt: f64) -> f64 {
-        let scale = self.nodes.windows(2).map(|n| n[1].at_m - n[0].at_m).fold(f64::INFINITY, f64::min);
-        self.stiffen(dt);
-        let mut worst = self.evaluate();
+        let spans = self.nodes.windows(2).map(|n| n[1].at_m - n[0].at_m);
+        let (scale, longest) = spans.fold((f64::INFINITY, 0.0f64), |(low, high), l| (low.min(l), high.max(l)));
+        let worst = self.evaluate();
         self.put_friction(eyes, dt);
-        self.assemble();
-        self.matrix.factor();
-        self.matrix.solve(&mut self.right);
+        self.errors.clone_from(&self.right);
+        for _ in 0..STIFFENINGS {
+            self.stiffen(dt);
+            self.right.clone_from(&self.errors);
+            self.assemble();
+            self.matrix.factor();
+            self.matrix.solve(&mut self.right);
+            // A thread that becomes taut in this very step is stiff sideways in it.
+            if !self.tautens(dt) {
+                break;
+            }
+        }
+        let moves = |around: &Gradients, node: &Node, right: &[f64]| {
+            node.inverse * (around.iter().map(|(r, g)| right[*r] * *g).sum::<DVec3>() - node.residual)
+        };
+        let farthest = self.around.iter().zip(&self.nodes).map(|(a, n)| moves(a, n, &self.right).length()).fold(0.0, f64::max);
+        let part = (2.0 * longest / farthest).min(1.0);
         for (multiplier, step) in self.multipliers.iter_mut().zip(&self.right) {
-            *multiplier += step;
+            *multiplier += part * step;
         }
         for (around, node) in self.around.iter().zip(&mut self.nodes) {
-            let moved = node.inverse * (around.iter().map(|(r, g)| self.right[*r] * *g).sum::<DVec3>() - node.residual);
-            node.place += moved;
-            worst = worst.max(moved.length());
+            node.place += part * moves(around, node, &self.right);
         }
         self.read_tensions(eyes, dt);
-        worst / scale
+        worst.max(farthest) / scale
+    }
+
+    /// Whether the step that has been solved pulls a span much harder than the stiffness sideways was for; takes those tensions for the next.
+    fn tautens(&mut self, dt: f64) -> bool {
+        let mut more = false;
+        for (r, row) in self.rows.iter().enumerate() {
+            let Row::Span { from, to } = *row else { continue };
+            let tension = -(self.multipliers[r] + self.right[r]) / (dt * dt);
+            for n in from..to {
+                if tension > TAUTER * self.nodes[n].tension[1].max(0.0) {
+                    more |= tension * dt * dt > 20.0 * self.nodes[n].mass * (self.nodes[n + 1].at_m - self.nodes[n].at_m);
+                    self.nodes[n].tension[1] = tension;
+                    self.nodes[n + 1].tension[0] = tension;
+                }
+            }
+        }
+        more
     }
 
     /// Masses with the stiffness sideways of the tensions that are known.
@@ -478,12 +542,15 @@ impl Work {
                     self.gradient(node, r, DVec3::AXES[axis]);
                     self.nodes[node].place[axis] - place[axis]
                 }
-                Row::Link { nodes: [a, b], axis } => {
+                Row::Link { nodes: [a, b], axis, offset } => {
                     self.gradient(a, r, -DVec3::AXES[axis]);
                     self.gradient(b, r, DVec3::AXES[axis]);
-                    self.nodes[b].place[axis] - self.nodes[a].place[axis]
+                    self.nodes[b].place[axis] - self.nodes[a].place[axis] - offset
                 }
             };
+            if matches!(self.rows[r], Row::Span { .. }) {
+                self.compliances[r] = if error > 0.0 { self.stiff[r] } else { self.soft };
+            }
             let left = error + self.compliances[r] * self.multipliers[r];
             worst = worst.max(left.abs());
             self.right.push(-left);

@@ -1,9 +1,9 @@
 //! Throws: how two strands go around each other, and what that holds.
 //!
-//! Twice around is once more than once, and once is neither a half: Gauss's integral over both strands counts it, `1/(4 pi) sum of the solid angles` under which
-//! one sees the other. A crossing seen from anywhere is at most a half, a strand once around another is about one. It changes evenly with the strands
-//! as long as they do not go through each other, and by one exactly when they do. So a throw is found where a loop is pulled tight: the
-//! integral said that there was one, and in one tick it is gone.
+//! Gauss's integral over both strands counts it: `1 / (4 pi)` of the solid angles under which one is seen to cross the other. A crossing is a
+//! half at most, a strand once around another is one. It changes evenly with the strands, but by one when they go through each
+//! other. Nothing keeps these from it; what they lose by it is added to the integral, which then says how often they would go around each other. Where that is
+//! a loop and both strands are pulled, a throw is tied.
 
 use crate::chain::Eye;
 use bevy_math::DVec3;
@@ -11,8 +11,6 @@ use keyhole_whiteboard::Knot;
 
 /// Around by this much is a loop; a crossing is at most a half.
 pub const LOOPED: f64 = 0.75;
-/// Around by less than this the loop has been taken off again.
-pub const UNLOOPED: f64 = 0.25;
 /// A change by more than this within a tick is one of strands through each other: that is one, give or take what they moved.
 pub const THROUGH: f64 = 0.5;
 

@@ -28,6 +28,8 @@ pub struct SutureSettings {
     pub tear_n_m: f32,
     /// The knot. Default: polyfilament 2-0, loops of which hold 10 N with two turns and 18 N with three (doi 10.3390/jcm12196418); one turn by the same law 4.2 N.
     pub knot: KnotLaw,
+    /// Tension of both strands at which a loop is being pulled tight, N. Default 0.05.
+    pub tighten_n: f32,
     /// Tension at which jaws lose the thread, N. Default 14: it would break in its knot (USP, 2-0 silk).
     pub grip_n: f32,
 }
@@ -52,6 +54,7 @@ impl Default for SutureSettings {
             friction: 0.2,
             tear_n_m: 300.0,
             knot: KnotLaw { scale_n: 5.53, growth: 1.38, run_n: 0.05 },
+            tighten_n: 0.05,
             grip_n: 14.0,
         }
     }

@@ -3,7 +3,7 @@
 use crate::chain::{Chain, Eye, EyeHold, Held, ThreadLaw};
 use crate::drive::{OnNeedle, is_open, on_needle, pierce};
 use crate::grips::{Jaw, let_go};
-use crate::knots::{LOOPED, THROUGH, UNLOOPED, nearest, pull_n, winding};
+use crate::knots::{LOOPED, THROUGH, nearest, pull_n, winding};
 use crate::settings::SutureSettings;
 use crate::tissue::Tissue;
 use bevy_math::{DVec3, Isometry3d, Vec3, Vec3A};
@@ -13,6 +13,8 @@ use smallvec::smallvec;
 
 /// Nearer to each other than this part of a segment two knots are one.
 const JOINED: f64 = 0.5;
+/// Part of the way between its two strands that is left of a throw being pulled tight, from tick to tick.
+const CLOSING: f64 = 0.95;
 /// Segments next to the tissue or a knot that are not looked at for where strands cross.
 const ROOT: f64 = 2.0;
 
@@ -33,7 +35,8 @@ pub struct Works {
     winding: Option<f64>,
     /// Bites and knots that it was counted from.
     counted: (usize, usize),
-    looped: bool,
+    /// Turns that the strands would have if they had not gone through each other.
+    lost: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -231,9 +234,9 @@ impl Suture<'_> {
         std::mem::swap(eyes, before);
         eyes.clear();
         owners.clear();
-        let known = |at_m: f32, hold: EyeHold, place: Vec3| {
+        let known = |at_m: f32, hold: EyeHold| {
             let same = |e: &&Eye| e.at_m as f32 == at_m && std::mem::discriminant(&e.hold) == std::mem::discriminant(&hold);
-            before.iter().find(same).map_or_else(|| Eye::new(hold, f64::from(at_m), place.as_dvec3()), |e| Eye { hold, ..*e })
+            before.iter().find(same).map(|e| Eye { hold, ..*e })
         };
         for (b, bite) in bites.held.iter().enumerate() {
             let Some(organ) = organs.iter().find(|o| o.organ == bite.organ) else { continue };
@@ -241,16 +244,23 @@ impl Suture<'_> {
                 let place = organ.place(&hole.point);
                 let hold = EyeHold::Tissue { place, compliance_m_n: f64::from(settings.compliance_m_n) };
                 let drag_n = [f64::from(settings.thread_drag_n); 2];
-                eyes.push(Eye { drag_n, friction: f64::from(settings.friction), ..known(hole.at_m, hold, place.as_vec3()) });
+                let eye = known(hole.at_m, hold).unwrap_or_else(|| Eye::new(hold, f64::from(hole.at_m), place));
+                eyes.push(Eye { drag_n, friction: f64::from(settings.friction), ..eye });
                 owners.push(Owner::Hole(b, h));
             }
         }
         for (k, knot) in knots.tied.iter().enumerate() {
             let [slip, tighten] = settings.knot.drags(knot);
-            for (side, drag_n) in [[slip, tighten], [tighten, slip]].into_iter().enumerate() {
-                eyes.push(Eye { drag_n, ..known(knot.at_m[side], EyeHold::Knot(k), knot.place) });
-                owners.push(Owner::Knot(k, side));
-            }
+            let [tail, needle] = [0, 1].map(|side| known(knot.at_m[side], EyeHold::Knot(k)));
+            let [tail, needle] = match (tail, needle) {
+                (Some(tail), Some(needle)) => [tail, Eye { offset: needle.offset * CLOSING, ..needle }],
+                _ => {
+                    let [tail, needle] = knot.at_m.map(|at| Eye::new(EyeHold::Knot(k), f64::from(at), chain.place_at(f64::from(at))));
+                    [tail, Eye { offset: needle.place - tail.place, ..needle }]
+                }
+            };
+            eyes.extend([Eye { drag_n: [slip, tighten], ..tail }, Eye { drag_n: [tighten, slip], ..needle }]);
+            owners.extend([Owner::Knot(k, 0), Owner::Knot(k, 1)]);
         }
         // A few eyes, almost in order: insertion keeps both lists together.
         for i in 1..eyes.len() {
@@ -316,11 +326,11 @@ impl Suture<'_> {
         let first = holes().map(|h| h.at_m).chain(knots.tied.iter().map(|k| k.at_m[0])).fold(f32::INFINITY, f32::min);
         let last = holes().map(|h| h.at_m).chain(knots.tied.iter().map(|k| k.at_m[1])).fold(f32::NEG_INFINITY, f32::max);
         if on_needle || first > last {
-            (knots.winding, works.winding, works.looped) = (0.0, None, false);
+            (knots.winding, works.winding) = (0.0, None);
             return;
         }
         let (first, last) = (f64::from(first), f64::from(last));
-        let Works { chain, eyes, strands: [tail, needle], places, winding: last_winding, counted: last_counted, looped, .. } = &mut **works;
+        let Works { chain, eyes, strands: [tail, needle], places, winding: last_winding, counted: last_counted, lost, .. } = &mut **works;
         tail.clear();
         needle.clear();
         // An eye's length has been rounded: it belongs to both strands' roots by half of its clearance.
@@ -341,15 +351,20 @@ impl Suture<'_> {
         fill(0, tail);
         fill(1, needle);
         let now = winding(&places[0], &places[1]);
-        knots.winding = now as f32;
         let counted = (bites.held.len(), knots.tied.len());
         let before = last_winding.filter(|_| *last_counted == counted);
         (*last_winding, *last_counted) = (Some(now), counted);
-        let was_looped = *looped && before.is_some();
-        *looped = now.abs() > LOOPED || (was_looped && now.abs() > UNLOOPED);
-        let Some(before) = before else { return };
-        let change = now - before;
-        if !was_looped || change.abs() <= THROUGH || change * before >= 0.0 {
+        let change = before.map_or(0.0, |before| now - before);
+        if before.is_none() {
+            *lost = 0.0;
+        } else if change.abs() > THROUGH {
+            *lost -= change.round();
+        }
+        let whole = now + *lost;
+        knots.winding = whole as f32;
+        let pulled = chain.tension_between(0.0, first).min(chain.tension_between(last, chain.length_m()));
+        let turns = lost.clamp(-100.0, 100.0) as i8;
+        if whole.abs() < LOOPED || turns == 0 || pulled < f64::from(settings.tighten_n) {
             return;
         }
         // Near the root the strands are beside each other anyway.
@@ -366,11 +381,9 @@ impl Suture<'_> {
         if at_tail < clear || at_needle > chain.length_m() - clear {
             return;
         }
-        let turns = (-change).round() as i8;
-        let mut knot =
-            Knot { at_m: [at_tail as f32, at_needle as f32], throws: smallvec![turns], hold_n: 0.0, place: (0.5 * (p + q)).as_vec3() };
-        knot.hold_n = settings.knot.run_n as f32;
-        knots.tied.push(knot);
+        let place = (0.5 * (p + q)).as_vec3();
+        let at_m = [at_tail as f32, at_needle as f32];
+        knots.tied.push(Knot { at_m, throws: smallvec![turns], hold_n: settings.knot.run_n as f32, place });
     }
 }
 

@@ -18,9 +18,9 @@ fn straight(from: DVec3, to: DVec3, segment_m: f64) -> Chain {
     chain
 }
 
-/// Largest strain of a segment.
+/// Largest stretch of a segment.
 fn strain(chain: &Chain) -> f64 {
-    chain.places.windows(2).map(|p| (p[0].distance(p[1]) / chain.segment_m - 1.0).abs()).fold(0.0, f64::max)
+    chain.places.windows(2).map(|p| p[0].distance(p[1]) / chain.segment_m - 1.0).fold(0.0, f64::max)
 }
 
 /// `2 a sinh(D / 2a) = L`, by bisection.
