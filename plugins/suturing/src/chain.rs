@@ -120,7 +120,7 @@ const PUSH: f64 = 0.1;
 const STIFFENINGS: usize = 4;
 /// A tension is new when it is so many times what was known.
 const TAUTER: f64 = 4.0;
-/// Part of the shortest span to which a projection is exact.
+/// Part of the longest span to which a projection is exact.
 const PRECISION: f64 = 1e-4;
 /// Trials of which eyes slide, at most.
 const TRIALS: usize = 6;
@@ -449,10 +449,10 @@ impl Work {
         }
     }
 
-    /// One Newton step; returns the largest of the errors of the constraints before it and of its moves, as part of the shortest span.
+    /// One Newton step; returns the largest of the errors of the constraints before it and of its moves, as part of the longest span.
     fn newton_step(&mut self, eyes: &[Eye], dt: f64) -> f64 {
         let spans = self.nodes.windows(2).map(|n| n[1].at_m - n[0].at_m);
-        let (scale, longest) = spans.fold((f64::INFINITY, 0.0f64), |(low, high), l| (low.min(l), high.max(l)));
+        let longest = spans.fold(0.0, f64::max);
         let worst = self.evaluate();
         self.put_friction(eyes, dt);
         self.errors.clone_from(&self.right);
@@ -479,7 +479,7 @@ impl Work {
             node.place += part * moves(around, node, &self.right);
         }
         self.read_tensions(eyes, dt);
-        worst.max(farthest) / scale
+        worst.max(farthest) / longest
     }
 
     /// Whether the step that has been solved pulls a span much harder than the stiffness sideways was for; takes those tensions for the next.
