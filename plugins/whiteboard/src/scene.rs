@@ -26,6 +26,8 @@ pub struct SceneRequirements {
     pub collision: bool,
     /// There is something rigid, or there may be: clips that can drop, a needle, fragments that become rigid.
     pub rigid: bool,
+    /// There is a needle.
+    pub suturing: bool,
 }
 
 impl SceneRequirements {
@@ -51,6 +53,12 @@ impl SceneRequirements {
     #[must_use]
     pub fn rigid(requirements: Res<Self>) -> bool {
         requirements.rigid
+    }
+
+    /// Run condition of suturing.
+    #[must_use]
+    pub fn suturing(requirements: Res<Self>) -> bool {
+        requirements.suturing
     }
 
     /// Run condition of instruments.

@@ -100,6 +100,7 @@ impl Plugin for WhiteboardPlugin {
                 use TickSystems::{Adopt, Assess, Collide, Cut, Gesture, Publish, Rigid, Sense, Tissue};
                 schedule.configure_sets((Sense, Gesture, Cut, Adopt, Collide, Tissue, Rigid, Assess, Publish).chain().run_if(running));
                 schedule.configure_sets((SenseSystems::Devices, SenseSystems::Hands).chain().in_set(Sense));
+                crate::gesture::order(schedule);
             })
             .add_systems(FixedUpdate, start_tick.before(TickSystems::Sense).run_if(running))
             .add_systems(FixedUpdate, end_tick.after(TickSystems::Publish).run_if(running));
