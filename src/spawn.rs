@@ -2,7 +2,7 @@
 
 use crate::theatre::Theatre;
 use bevy::prelude::*;
-use keyhole_instruments::{Script, ScriptClock, TrocarState, tools};
+use keyhole_instruments::{Script, TrocarState, tools};
 use keyhole_scene::{SceneTimeStepping, SceneTissue, SceneTissueModel};
 use keyhole_tetmesh::TetMesh;
 use keyhole_tissue::reference::{ReferenceError, unloaded};
@@ -10,7 +10,7 @@ use keyhole_tissue::{
     Capsule, Constraints, TeschnerSettings, TimeStepping, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings,
 };
 use keyhole_whiteboard::{
-    Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, SimulationControl, TickCost,
+    Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, ScriptClock, SimulationControl, TickCost,
     TissueMesh, TissueState, TopologyChanged,
 };
 

@@ -9,6 +9,7 @@ pub mod control;
 pub mod cutting;
 pub mod device;
 pub mod grasp;
+pub mod input;
 pub mod instrument;
 pub mod organ;
 pub mod scene;
@@ -20,6 +21,7 @@ pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
 pub use device::{AxisInput, DeviceCondition, DeviceHand, DeviceHands, DeviceReport, DeviceStatus, ToolForce};
 pub use grasp::{Grasp, JawPads};
+pub use input::{HandInput, Moved, ScriptClock};
 pub use instrument::{
     Blade, CutTrigger, CuttingLine, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, LineShape, PartMesh, Port,
     ToolModel, ToolPart,
