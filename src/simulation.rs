@@ -15,10 +15,10 @@ use keyhole_cutting::CuttingPlugin;
 use keyhole_grasping::GraspingPlugin;
 use keyhole_hid::{HidPlugin, shipped};
 use keyhole_hud::HudPlugin;
-use keyhole_instruments::{InstrumentsPlugin, ScriptClock};
+use keyhole_instruments::InstrumentsPlugin;
 use keyhole_tissue::TissuePlugin;
 use keyhole_view::ViewPlugin;
-use keyhole_whiteboard::{CutMethod, SimulationControl, WhiteboardPlugin};
+use keyhole_whiteboard::{CutMethod, ScriptClock, SimulationControl, WhiteboardPlugin};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 

@@ -3,7 +3,7 @@
 use crate::theatre::Theatre;
 use bevy::prelude::*;
 use keyhole_collision::{CollisionSettings, SelfCollision};
-use keyhole_instruments::{Script, ScriptClock, TrocarState, tools};
+use keyhole_instruments::{Script, TrocarState, tools};
 use keyhole_scene::surface;
 use keyhole_scene::{SceneSelfCollision, SceneTimeStepping, SceneTissue, SceneTissueModel};
 use keyhole_tetmesh::TetMesh;
@@ -12,7 +12,7 @@ use keyhole_tissue::{
     Capsule, Constraints, TeschnerSettings, TimeStepping, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings,
 };
 use keyhole_whiteboard::{
-    Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, SimulationControl,
+    Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, ScriptClock, SimulationControl,
     SurfaceFriction, TickCost, TissueMesh, TissueState, TopologyChanged,
 };
 

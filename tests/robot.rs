@@ -6,10 +6,10 @@
 use bevy::prelude::*;
 use keyhole::simulation::{Output, Settings, TICKS_PER_SECOND, faults, simulation};
 use keyhole::{Theatre, theatre::default_scene};
-use keyhole_instruments::{HandKey, HandTrack, Script, ScriptClock};
+use keyhole_instruments::{HandKey, HandTrack, Script};
 use keyhole_tetmesh::Boundary;
 use keyhole_tissue::TissueReport;
-use keyhole_whiteboard::{Contacts, CutStatus, FreedFrom, Hand, Obstacle, Organ, Port, TissueMesh, TissueState};
+use keyhole_whiteboard::{Contacts, CutStatus, FreedFrom, Hand, Obstacle, Organ, Port, ScriptClock, TissueMesh, TissueState};
 use proptest::prelude::RngExt;
 use proptest::test_runner::{RngAlgorithm, TestRng};
 

@@ -1,10 +1,10 @@
 //! Glue: gathers the trainee's input at frame rate, and each tick moves every instrument and the endoscope.
 
 use crate::device::{DeviceClutch, device_tick};
-use crate::hands::{HandInput, HandSettings, KEYS, Moved, hand_tick, scope_tick};
+use crate::hands::{HandSettings, KEYS, hand_tick, scope_tick};
 use crate::kinematics::{PortFrame, TrocarLimits, TrocarState};
 use crate::line::{Controls, JawStroke, blade_now};
-use crate::script::{Script, ScriptClock};
+use crate::script::Script;
 use crate::tools;
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
@@ -14,8 +14,8 @@ use bevy_input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseBut
 use bevy_math::Vec2;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, CuttingLine, DeviceHands, Endoscope, Grasp, Hand, Instrument, InstrumentPose, Jaws, KeyMap, PointerClaims, Port,
-    SceneRequirements, SenseSystems, SimulationControl,
+    Blade, CuttingLine, DeviceHands, Endoscope, Grasp, Hand, HandInput, Instrument, InstrumentPose, Jaws, KeyMap, Moved, PointerClaims,
+    Port, SceneRequirements, ScriptClock, SenseSystems, SimulationControl,
 };
 
 /// Pixels of a touchpad's scroll that count as one notch of a wheel.

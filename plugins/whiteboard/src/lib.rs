@@ -10,6 +10,7 @@ pub mod cutting;
 pub mod device;
 pub mod gesture;
 pub mod grasp;
+pub mod input;
 pub mod instrument;
 pub mod organ;
 pub mod rigid;
@@ -24,6 +25,7 @@ pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
 pub use device::{AxisInput, DeviceCondition, DeviceHand, DeviceHands, DeviceReport, DeviceStatus, ToolForce};
 pub use gesture::GestureSystems;
 pub use grasp::{Grasp, JawPads};
+pub use input::{HandInput, Moved, ScriptClock};
 pub use instrument::{
     Blade, CutTrigger, CuttingLine, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, LineShape, PartMesh, Port,
     ToolModel, ToolPart,
