@@ -28,15 +28,13 @@ pub struct Party<'a> {
     pub velocities: &'a [Vec3],
     /// Coulomb's coefficient of its surface.
     pub friction: f32,
-    /// Whether it may meet itself.
-    pub self_collision: bool,
 }
 
 impl<'a> Party<'a> {
-    /// What detection looks at.
+    /// What detection between bodies looks at.
     #[must_use]
     pub fn body(&self) -> Body<'a> {
-        Body { shape: self.shape, positions: self.positions, self_collision: self.self_collision }
+        Body { shape: self.shape, positions: self.positions, self_collision: false }
     }
 
     fn deformed(&self) -> Deformed<'a> {

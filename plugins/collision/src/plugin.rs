@@ -4,6 +4,7 @@ use crate::anatomy::SolidSurface;
 use crate::contacts::{Party, between_tissue, exempt, part, with_anatomy, with_tool};
 use crate::depth::Depths;
 use crate::detect::{Body, Detector, Hit};
+use crate::folds::Folds;
 use crate::fresh::FreshCuts;
 use crate::settings::{CollisionSettings, SelfCollision};
 use crate::shape::Shape;
@@ -43,6 +44,8 @@ struct Workspace {
 struct OrganShape {
     shape: Shape,
     cut: bool,
+    /// What looks for the organ in itself; there once it has been needed.
+    folds: Option<Folds>,
 }
 
 /// The parts of an instrument that touch tissue.
@@ -80,8 +83,12 @@ fn adopt_changes(
     for TopologyChanged { organ, delta } in changes.read() {
         work.fresh.adopt(*organ, delta);
         if let Ok((mesh, mut known)) = organs.get_mut(*organ) {
-            known.shape.update(&mesh.0, delta);
-            known.cut = true;
+            let OrganShape { shape, cut, folds } = &mut *known;
+            let touched = shape.update(&mesh.0, delta);
+            if let Some(folds) = folds {
+                folds.update(&mesh.0, shape, delta, &touched);
+            }
+            *cut = true;
         }
     }
 }
@@ -94,7 +101,7 @@ fn prepare(
     surfaces: Query<(Entity, &StaticSurface), Without<Seen>>,
 ) {
     for (organ, mesh, cut) in &organs {
-        commands.entity(organ).insert(OrganShape { shape: Shape::of(&mesh.0), cut });
+        commands.entity(organ).insert(OrganShape { shape: Shape::of(&mesh.0), cut, folds: None });
     }
     for (tool, instrument, model, jaws) in &tools {
         commands.entity(tool).insert(ToolParts { parts: tool_parts(instrument, model), angle_rad: jaws.angle_rad });
@@ -130,7 +137,7 @@ fn find_contacts(
     time: Res<Time<Fixed>>,
     settings: Res<CollisionSettings>,
     mut work: ResMut<Workspace>,
-    mut organs: Query<(Entity, &TissueMesh, &TissueState, &OrganShape, &mut Contacts, Option<&SurfaceFriction>)>,
+    mut organs: Query<(Entity, &TissueMesh, &TissueState, &mut OrganShape, &mut Contacts, Option<&SurfaceFriction>)>,
     mut tools: Query<(Entity, &InstrumentPose, &Jaws, &mut ToolParts, Option<&Blade>, Has<CuttingLine>, Option<&SurfaceFriction>)>,
     anatomy: Query<(Entity, &SolidAnatomy, Option<&SurfaceFriction>)>,
 ) {
@@ -140,31 +147,36 @@ fn find_contacts(
     ordered.sort_unstable_by_key(|o| o.0);
     let mut parties = Vec::with_capacity(ordered.len());
     let mut contacts: Vec<&mut Vec<Contact>> = Vec::with_capacity(ordered.len());
+    hits.clear();
     for (organ, mesh, state, known, list, friction) in &mut ordered {
         list.0.clear();
         // An organ whose state has not caught up with its mesh touches nothing.
         if state.positions.len().min(state.velocities.len()) < known.shape.roles().len() {
             continue;
         }
-        let self_collision = match settings.self_collision {
-            SelfCollision::OnceCut => known.cut,
+        let OrganShape { shape, cut, folds } = &mut **known;
+        let meets_itself = match settings.self_collision {
+            SelfCollision::OnceCut => *cut,
             SelfCollision::Always => true,
             SelfCollision::Never => false,
         };
+        if meets_itself {
+            let folds = folds.get_or_insert_with(|| Folds::of(&mesh.0, shape));
+            hits.extend_from_slice(folds.detect(shape, &state.positions, parties.len() as u16));
+        }
         parties.push(Party {
             organ: *organ,
             topology: mesh.0.topology(),
-            shape: &known.shape,
+            shape,
             positions: &state.positions,
             velocities: &state.velocities,
             friction: friction.map_or(settings.tissue_friction, |f| f.0),
-            self_collision,
         });
         contacts.push(&mut list.0);
     }
     let bodies: Vec<Body> = parties.iter().map(Party::body).collect();
-    hits.clear();
     hits.extend_from_slice(detector.detect(&bodies, settings.grading));
+    hits.sort_unstable_by_key(Hit::key);
     let held = exempt(hits, &parties, fresh);
     part(fresh, &parties, &held);
     between_tissue(hits, &parties, depths, &mut contacts);

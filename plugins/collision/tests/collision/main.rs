@@ -3,6 +3,7 @@
 
 mod depths;
 mod detection;
+mod folds;
 mod meshes;
 mod obstacles;
 mod tick;
