@@ -16,6 +16,8 @@ use keyhole_grasping::GraspingPlugin;
 use keyhole_hid::{HidPlugin, shipped};
 use keyhole_hud::HudPlugin;
 use keyhole_instruments::InstrumentsPlugin;
+use keyhole_rigid::RigidPlugin;
+use keyhole_suturing::SuturingPlugin;
 use keyhole_tissue::TissuePlugin;
 use keyhole_view::ViewPlugin;
 use keyhole_whiteboard::{CutMethod, ScriptClock, SimulationControl, WhiteboardPlugin};
@@ -70,7 +72,16 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
     add_engine(&mut app, settings);
     app.set_error_handler(count_fault)
         .insert_resource(Time::<Fixed>::from_hz(TICKS_PER_SECOND))
-        .add_plugins((WhiteboardPlugin, InstrumentsPlugin, GraspingPlugin, CuttingPlugin, CollisionPlugin, TissuePlugin))
+        .add_plugins((
+            WhiteboardPlugin,
+            InstrumentsPlugin,
+            GraspingPlugin,
+            SuturingPlugin,
+            CuttingPlugin,
+            CollisionPlugin,
+            TissuePlugin,
+            RigidPlugin,
+        ))
         .add_systems(First, (stop_on_fault, reset).chain());
     match settings.output {
         Output::None => {}
