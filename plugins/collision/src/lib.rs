@@ -10,12 +10,16 @@ pub mod detect;
 pub mod folds;
 pub mod fresh;
 pub mod inside;
+pub mod meet;
 pub mod patches;
 pub mod plugin;
 pub mod settings;
 pub mod shape;
+mod sweep;
 pub mod tool;
+pub mod touch;
 pub mod walk;
+pub mod within;
 
 pub use depth::{Depths, Penetration};
 pub use detect::{Body, Detector, Grading, Hit, mean_edge_m};

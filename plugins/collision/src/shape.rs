@@ -43,6 +43,12 @@ impl Shape {
         Self { corners, open_faces, roles }
     }
 
+    /// So many points without any tetrahedron: things to be looked for in those of others.
+    #[must_use]
+    pub fn of_points(count: usize) -> Self {
+        Self { corners: Vec::new(), open_faces: Vec::new(), roles: vec![Role::Surface; count] }
+    }
+
     /// Carries the shape over `delta`; `mesh` is the mesh after it. Returns the nodes around which anything has changed, ascending.
     pub fn update(&mut self, mesh: &TetMesh, delta: &TopologyDelta) -> Vec<NodeId> {
         self.corners.resize(mesh.tet_slots(), VACANT);

@@ -19,7 +19,7 @@ pub mod suture;
 pub mod tick;
 
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
-pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction};
+pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction, ToolContacts, ToolTouch, ToolTouched};
 pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
 pub use device::{AxisInput, DeviceCondition, DeviceHand, DeviceHands, DeviceReport, DeviceStatus, ToolForce};

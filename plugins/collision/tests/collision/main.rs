@@ -7,3 +7,4 @@ mod folds;
 mod meshes;
 mod obstacles;
 mod tick;
+mod tools;
