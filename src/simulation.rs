@@ -10,6 +10,7 @@ use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::time::{TimePlugin, TimeUpdateStrategy};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
+use keyhole_assessment::recording::{PlayerSystems, RecordingPlugin};
 use keyhole_cutting::CuttingPlugin;
 use keyhole_grasping::GraspingPlugin;
 use keyhole_hid::{HidPlugin, shipped};
@@ -69,8 +70,9 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
     add_engine(&mut app, settings);
     app.set_error_handler(count_fault)
         .insert_resource(Time::<Fixed>::from_hz(TICKS_PER_SECOND))
-        .add_plugins((WhiteboardPlugin, InstrumentsPlugin, GraspingPlugin, CuttingPlugin, TissuePlugin))
-        .add_systems(First, (stop_on_fault, reset).chain());
+        .add_plugins((WhiteboardPlugin, InstrumentsPlugin, GraspingPlugin, CuttingPlugin, TissuePlugin, RecordingPlugin))
+        .add_systems(First, (stop_on_fault, reset).chain().after(PlayerSystems))
+        .add_systems(FixedFirst, reset.after(PlayerSystems));
     match settings.output {
         Output::None => {}
         Output::Pictures => {

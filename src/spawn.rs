@@ -10,8 +10,8 @@ use keyhole_tissue::{
     Capsule, Constraints, TeschnerSettings, TimeStepping, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings,
 };
 use keyhole_whiteboard::{
-    Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, ScriptClock, SimulationControl, TickCost,
-    TissueMesh, TissueState, TopologyChanged,
+    Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, ScriptClock,
+    SimulationControl, TickCost, TissueMesh, TissueState, TopologyChanged,
 };
 
 /// Part of the sag within which a rest shape hangs as the scan.

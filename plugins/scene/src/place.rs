@@ -207,6 +207,7 @@ impl Scene {
             cutting: tissue && self.instruments.iter().any(|i| i.kind.cuts()),
             instruments: !self.instruments.is_empty() || self.endoscope.is_some(),
             collision: tissue && (!self.instruments.is_empty() || self.organs.len() > 1),
+            assessment: !self.instruments.is_empty() || self.endoscope.is_some(),
         }
     }
 }

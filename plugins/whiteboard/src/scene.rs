@@ -24,6 +24,8 @@ pub struct SceneRequirements {
     pub instruments: bool,
     /// There is an organ, and something that it may touch: an instrument, another organ, solid anatomy, or itself once it has been cut.
     pub collision: bool,
+    /// There is a hand, or a view, to be measured.
+    pub assessment: bool,
 }
 
 impl SceneRequirements {
@@ -49,5 +51,11 @@ impl SceneRequirements {
     #[must_use]
     pub fn instruments(requirements: Res<Self>) -> bool {
         requirements.instruments
+    }
+
+    /// Run condition of assessment.
+    #[must_use]
+    pub fn assessment(requirements: Res<Self>) -> bool {
+        requirements.assessment
     }
 }
