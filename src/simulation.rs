@@ -10,6 +10,7 @@ use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::time::{TimePlugin, TimeUpdateStrategy};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
+use keyhole_assessment::recording::{PlayerSystems, RecordingPlugin};
 use keyhole_collision::CollisionPlugin;
 use keyhole_cutting::CuttingPlugin;
 use keyhole_grasping::GraspingPlugin;
@@ -81,8 +82,10 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
             CollisionPlugin,
             TissuePlugin,
             RigidPlugin,
+            RecordingPlugin,
         ))
-        .add_systems(First, (stop_on_fault, reset).chain());
+        .add_systems(First, (stop_on_fault, reset).chain().after(PlayerSystems))
+        .add_systems(FixedFirst, reset.after(PlayerSystems));
     match settings.output {
         Output::None => {}
         Output::Pictures => {

@@ -216,6 +216,7 @@ impl Scene {
                     || self.organs.len() > 1
                     || self.anatomy.iter().any(|a| a.solid)
                     || self.collision.itself == SceneSelfCollision::Always),
+            assessment: !self.instruments.is_empty() || self.endoscope.is_some(),
             ..SceneRequirements::default()
         }
     }

@@ -28,6 +28,8 @@ pub struct SceneRequirements {
     pub rigid: bool,
     /// There is a needle.
     pub suturing: bool,
+    /// There is a hand, or a view, to be measured.
+    pub assessment: bool,
 }
 
 impl SceneRequirements {
@@ -65,5 +67,11 @@ impl SceneRequirements {
     #[must_use]
     pub fn instruments(requirements: Res<Self>) -> bool {
         requirements.instruments
+    }
+
+    /// Run condition of assessment.
+    #[must_use]
+    pub fn assessment(requirements: Res<Self>) -> bool {
+        requirements.assessment
     }
 }
