@@ -26,6 +26,8 @@ pub struct SceneRequirements {
     pub collision: bool,
     /// There is something rigid, or there may be: clips that can drop, a needle, fragments that become rigid.
     pub rigid: bool,
+    /// There is a clip applier, or a vessel that can bleed. What is dropped falls only where rigid is required too.
+    pub clipping: bool,
 }
 
 impl SceneRequirements {
@@ -51,6 +53,12 @@ impl SceneRequirements {
     #[must_use]
     pub fn rigid(requirements: Res<Self>) -> bool {
         requirements.rigid
+    }
+
+    /// Run condition of clipping.
+    #[must_use]
+    pub fn clipping(requirements: Res<Self>) -> bool {
+        requirements.clipping
     }
 
     /// Run condition of instruments.
