@@ -11,6 +11,7 @@ use bevy::time::{TimePlugin, TimeUpdateStrategy};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use keyhole_assessment::recording::{PlayerSystems, RecordingPlugin};
+use keyhole_clipping::ClippingPlugin;
 use keyhole_collision::CollisionPlugin;
 use keyhole_cutting::CuttingPlugin;
 use keyhole_grasping::GraspingPlugin;
@@ -77,6 +78,7 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
             WhiteboardPlugin,
             InstrumentsPlugin,
             GraspingPlugin,
+            ClippingPlugin,
             SuturingPlugin,
             CuttingPlugin,
             CollisionPlugin,

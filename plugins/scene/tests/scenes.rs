@@ -202,7 +202,8 @@ fn the_authors_guide_names_every_field_and_value() {
     let names = |line: &str| -> Option<String> {
         let field = line.trim().strip_prefix("pub ").and_then(|l| l.split_once(':')).map(|(name, _)| name.to_owned());
         let inside = line.starts_with("        ") && !line.trim().starts_with('/') && line.contains(": ");
-        let variant = line.strip_prefix("    ").filter(|l| l.starts_with(char::is_uppercase)).map(|l| l.trim_end_matches([',', ' ', '{']).to_owned());
+        let variant =
+            line.strip_prefix("    ").filter(|l| l.starts_with(char::is_uppercase)).map(|l| l.trim_end_matches([',', ' ', '{']).to_owned());
         field.or(variant).or_else(|| inside.then(|| line.trim().split(':').next().unwrap_or_default().to_owned()))
     };
     let format = format.split("fn default_gravity").next().unwrap();
