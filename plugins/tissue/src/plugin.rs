@@ -14,8 +14,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{NodeEdit, NodeId, TopologyDelta};
 use keyhole_whiteboard::tick::running;
 use keyhole_whiteboard::{
-    Anchor, Attachments, Contacts, FragmentDetached, Gravity, InstrumentPose, Obstacle, OrganMaterials, SceneRequirements, TickSystems,
-    TissueMesh, TissueState, TopologyChanged,
+    Anchor, Attachments, Contacts, FragmentDetached, Gravity, InstrumentPose, Obstacle, OrganMaterials, Rigidified, SceneRequirements,
+    TickSystems, TissueMesh, TissueState, TopologyChanged,
 };
 use rayon::prelude::*;
 
@@ -197,7 +197,10 @@ fn step_organs(
     settings: Res<TissueSettings>,
     mut report: ResMut<TissueReport>,
     tools: Query<&InstrumentPose>,
-    mut organs: Query<(Entity, &mut TissueState, &mut TissueBody, &Attachments, &mut Contacts), Without<Quarantined>>,
+    mut organs: Query<
+        (Entity, &mut TissueState, &mut TissueBody, &Attachments, &mut Contacts),
+        (Without<Quarantined>, Without<Rigidified>),
+    >,
 ) {
     let dt = time.timestep().as_secs_f32();
     let moving: Vec<(Vec3, Vec3)> =
