@@ -9,7 +9,7 @@ use keyhole::{Theatre, theatre::default_scene};
 use keyhole_instruments::{HandKey, HandTrack, Script};
 use keyhole_tetmesh::Boundary;
 use keyhole_tissue::TissueReport;
-use keyhole_whiteboard::{Contacts, CutStatus, FreedFrom, Hand, Obstacle, Organ, Port, ScriptClock, TissueMesh, TissueState};
+use keyhole_whiteboard::{Contacts, CutStatus, FreedFrom, Hand, Obstacle, Organ, Port, ScriptClock, TickCost, TickSystems, TissueMesh, TissueState};
 use proptest::prelude::RngExt;
 use proptest::test_runner::{RngAlgorithm, TestRng};
 
@@ -230,6 +230,14 @@ fn a_random_robot_does_no_harm_to_the_theatre() {
     }
     let status = app.world().resource::<CutStatus>();
     println!("{seconds} s, seed {seed}: {tally:?}, {} strokes, {} fragments", status.strokes, status.fragments);
+    let cost = app.world().resource::<TickCost>();
+    let stages = TickSystems::ALL.iter().zip(cost.total.iter().zip(&cost.max));
+    let stages: Vec<String> = stages
+        .map(|(set, (total, max))| {
+            format!("{set:?} {:.2} (largest {:.1})", total.as_secs_f64() * 1e3 / cost.ticks as f64, max.as_secs_f64() * 1e3)
+        })
+        .collect();
+    println!("ms a tick: {}", stages.join(", "));
     for (time_s, bytes, tets) in &memory {
         println!("{time_s:6.1} s: {tets} tetrahedra, {} MiB", bytes.map_or("unknown".into(), |b| (b >> 20).to_string()));
     }
