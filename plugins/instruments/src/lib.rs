@@ -18,9 +18,9 @@ pub mod tools;
 
 pub use device::DeviceClutch;
 pub use error::ScriptError;
-pub use hands::{HandInput, HandSettings, KEYS};
+pub use hands::{HandSettings, KEYS};
 pub use kinematics::{PortFrame, TrocarLimits, TrocarState};
 pub use plugin::InstrumentsPlugin;
 pub use proxy::{Proxy, ProxySettings};
-pub use script::{HandKey, HandTrack, Script, ScriptClock, ViewKey};
+pub use script::{HandKey, HandTrack, Script, ViewKey};
 pub use tools::{cutting_line, tool_model, working_reach};

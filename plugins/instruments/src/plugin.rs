@@ -2,11 +2,11 @@
 
 use crate::device::{DeviceClutch, device_tick};
 use crate::force::Felt;
-use crate::hands::{HandInput, HandSettings, KEYS, Moved, hand_tick, scope_tick};
+use crate::hands::{HandSettings, KEYS, hand_tick, scope_tick};
 use crate::kinematics::{PortFrame, TrocarLimits, TrocarState};
 use crate::line::{Controls, JawStroke, blade_now};
 use crate::proxy::{Proxy, ProxySettings};
-use crate::script::{Script, ScriptClock};
+use crate::script::Script;
 use crate::tools;
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
@@ -16,8 +16,8 @@ use bevy_input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseBut
 use bevy_math::{Vec2, Vec3};
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, Contacts, CuttingLine, DeviceHands, Endoscope, Grasp, Hand, Instrument, InstrumentPose, JawPads, Jaws, KeyMap, PointerClaims,
-    Port, SceneRequirements, SenseSystems, SimulationControl, TickSystems, ToolContacts, ToolForce,
+    Blade, Contacts, CuttingLine, DeviceHands, Endoscope, Grasp, Hand, HandInput, Instrument, InstrumentPose, JawPads, Jaws, KeyMap, Moved,
+    PointerClaims, Port, SceneRequirements, ScriptClock, SenseSystems, SimulationControl, TickSystems, ToolContacts, ToolForce,
 };
 
 /// Pixels of a touchpad's scroll that count as one notch of a wheel.

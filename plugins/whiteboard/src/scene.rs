@@ -24,6 +24,14 @@ pub struct SceneRequirements {
     pub instruments: bool,
     /// There is an organ, and something that it may touch: an instrument, another organ, solid anatomy, or itself once it has been cut.
     pub collision: bool,
+    /// There is something rigid, or there may be: clips that can drop, a needle, fragments that become rigid.
+    pub rigid: bool,
+    /// There is a needle.
+    pub suturing: bool,
+    /// There is a hand, or a view, to be measured.
+    pub assessment: bool,
+    /// There is a clip applier, or a vessel that can bleed. What is dropped falls only where rigid is required too.
+    pub clipping: bool,
 }
 
 impl SceneRequirements {
@@ -45,9 +53,33 @@ impl SceneRequirements {
         requirements.collision
     }
 
+    /// Run condition of rigid.
+    #[must_use]
+    pub fn rigid(requirements: Res<Self>) -> bool {
+        requirements.rigid
+    }
+
+    /// Run condition of suturing.
+    #[must_use]
+    pub fn suturing(requirements: Res<Self>) -> bool {
+        requirements.suturing
+    }
+
+    /// Run condition of clipping.
+    #[must_use]
+    pub fn clipping(requirements: Res<Self>) -> bool {
+        requirements.clipping
+    }
+
     /// Run condition of instruments.
     #[must_use]
     pub fn instruments(requirements: Res<Self>) -> bool {
         requirements.instruments
+    }
+
+    /// Run condition of assessment.
+    #[must_use]
+    pub fn assessment(requirements: Res<Self>) -> bool {
+        requirements.assessment
     }
 }
