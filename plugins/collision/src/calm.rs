@@ -12,7 +12,7 @@ use crate::shape::Shape;
 use bevy_math::{Mat3A, Vec3, Vec3A};
 
 /// Part of the gap by which nodes may leave their places. Half is the limit in exact arithmetic.
-const SLACK: f32 = 0.25;
+const SLACK: f32 = 0.4;
 /// Tetrahedra of a patch that are looked at in any case, so that the gap of all others is wide: one of so many.
 const WATCHED: usize = 10;
 /// Least gap, as a part of the patch's extent: below it rounding may decide whether a node is in a tetrahedron.

@@ -236,7 +236,11 @@ impl Detector {
         self.sides.resize_with(self.sides.len().max(bodies.len()), Vec::new);
         for (body, of) in bodies.iter().enumerate() {
             self.begins.push(self.points.len());
-            let others = |p: Vec3A| self.boxes.iter().enumerate().any(|(other, b)| other != body && b.contains(p));
+            // Nobody is in a body without tetrahedra.
+            let others = |p: Vec3A| {
+                let mut around = self.boxes.iter().enumerate().filter(|(other, b)| *other != body && b.contains(p));
+                around.any(|(other, _)| !bodies[other].shape.corners().is_empty())
+            };
             let meeting = self.boxes.iter().enumerate().filter(|(other, b)| *other != body && b.meets(&self.boxes[body]));
             let shared =
                 meeting.map(|(_, b)| self.boxes[body].shared(b)).reduce(|a, b| Bounds { low: a.low.min(b.low), high: a.high.max(b.high) });

@@ -65,8 +65,15 @@ pub fn part_against_part(a: (&ToolPart, &Motion), b: (&ToolPart, &Motion), margi
 }
 
 /// Where a part is against a surface, if it comes nearer than `margin_m`; of contacts next to each other the deepest. A part is led out from not deeper
-/// than `reach_m`.
-pub fn part_against_surface(part: &ToolPart, motion: &Motion, surface: &SolidSurface, margin_m: f32, reach_m: f32) -> Vec<Meeting> {
+/// than `reach_m`. Points of it for which `counts` says no touch nothing.
+pub fn part_against_surface(
+    part: &ToolPart,
+    motion: &Motion,
+    surface: &SolidSurface,
+    margin_m: f32,
+    reach_m: f32,
+    counts: impl Fn(Vec3) -> bool,
+) -> Vec<Meeting> {
     let (low, high) = part.swept_box(motion, margin_m);
     let own = Mover { shape: part.skinned(), motion, reach_m: part.reach_m() };
     let rest = Motion::still(Isometry3d::IDENTITY, motion.dt_s);
@@ -80,13 +87,13 @@ pub fn part_against_surface(part: &ToolPart, motion: &Motion, surface: &SolidSur
         let Some(outward) = (corners[1] - corners[0]).cross(corners[2] - corners[0]).try_normalize() else { continue };
         let triangle = Triangle::from(corners.map(to_parry));
         let met = meet(own, Mover { shape: Skinned::bare(&triangle), motion: &rest, reach_m: 0.0 }, margin_m, side);
-        found.extend(met.filter(|m| m.normal.dot(outward) > FACING));
+        found.extend(met.filter(|m| m.normal.dot(outward) > FACING && counts(m.point)));
     }
     // Where nothing tells from which side the part came, its middle goes the shortest way.
     let lost = !found.iter().any(|m| m.depth_m > 0.0);
     for local in part.spine().iter().filter(|_| lost) {
         let at = motion.to * *local;
-        if let Some(nearest) = surface.nearest(at, reach_m).filter(|n| n.distance_m < 0.0) {
+        if let Some(nearest) = surface.nearest(at, reach_m).filter(|n| n.distance_m < 0.0 && counts(at)) {
             let point = at - nearest.normal * part.radius_m();
             found.push(Meeting { point, normal: nearest.normal, depth_m: part.radius_m() - nearest.distance_m });
         }

@@ -15,7 +15,7 @@ use bevy_ecs::prelude::*;
 use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, Contact, Contacts, CuttingLine, FragmentDetached, FreedFrom, Instrument, InstrumentPose, Jaws, Joint, Obstacle,
+    Blade, Contact, Contacts, CuttingLine, FragmentDetached, FreedFrom, Instrument, InstrumentPose, Jaws, Joint, Obstacle, Port,
     SceneRequirements, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts, ToolModel, ToolTouch,
     ToolTouched, TopologyChanged,
 };
@@ -254,7 +254,7 @@ fn find_contacts(
 fn find_tool_contacts(
     time: Res<Time<Fixed>>,
     settings: Res<CollisionSettings>,
-    mut tools: Query<(Entity, &InstrumentPose, &Jaws, &ToolParts, &mut ToolContacts)>,
+    mut tools: Query<(Entity, &InstrumentPose, &Jaws, &ToolParts, Option<&Port>, &mut ToolContacts)>,
     anatomy: Query<(Entity, &SolidAnatomy)>,
     mut touched: MessageWriter<ToolTouched>,
 ) {
@@ -265,7 +265,7 @@ fn find_tool_contacts(
     tools.sort_unstable_by_key(|t| t.0);
     let moving: Vec<Vec<(&ToolPart, Motion)>> = tools
         .iter()
-        .map(|(_, pose, jaws, tool, _)| {
+        .map(|(_, pose, jaws, tool, ..)| {
             tool.parts.iter().map(|p| (&p.part, p.motion(pose, [tool.angle_rad, jaws.angle_rad], dt_s))).collect()
         })
         .collect();
@@ -273,10 +273,13 @@ fn find_tool_contacts(
     let mut near: Vec<Vec<ToolTouch>> = vec![Vec::new(); tools.len()];
     let touch = |m: Meeting, against| ToolTouch { point: m.point, normal: m.normal, depth_m: m.depth_m, against };
     for (i, parts) in moving.iter().enumerate() {
+        // A shaft goes through the wall where its port is.
+        let (pose, port) = (tools[i].1.now, tools[i].4);
+        let free = |p: Vec3| port.is_none_or(|port| (p - port.position).dot(pose.rotation * Vec3::NEG_Z) > settings.sleeve_m);
         for part in parts {
             let margin_m = settings.tool_margin_m + way_m(part);
             for (entity, surface) in &solid {
-                let met = part_against_surface(part.0, &part.1, &surface.0, margin_m, settings.anatomy_reach_m);
+                let met = part_against_surface(part.0, &part.1, &surface.0, margin_m, settings.anatomy_reach_m, free);
                 near[i].extend(met.into_iter().map(|m| touch(m, Obstacle::Anatomy(*entity))));
             }
             for (j, others) in moving.iter().enumerate().skip(i + 1) {

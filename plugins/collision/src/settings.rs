@@ -35,6 +35,8 @@ pub struct CollisionSettings {
     /// How near another instrument or anatomy has to be to an instrument to be listed in its `ToolContacts`, m; so much more as both moved in the tick. Default
     /// 10 mm: what a hand does in a tick at 0.6 m/s.
     pub tool_margin_m: f32,
+    /// How far into the body the sleeve of a port goes, m: as far anatomy does not touch the shaft that runs in it, nor further out. Default 25 mm.
+    pub sleeve_m: f32,
 }
 
 impl Default for CollisionSettings {
@@ -48,6 +50,7 @@ impl Default for CollisionSettings {
             anatomy_reach_m: 0.01,
             tool_near_m: 0.0005,
             tool_margin_m: 0.01,
+            sleeve_m: 0.025,
         }
     }
 }

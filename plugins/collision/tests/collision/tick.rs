@@ -9,7 +9,7 @@ use keyhole_collision::CollisionPlugin;
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_whiteboard::{
     Blade, Contact, Contacts, CutTrigger, CuttingLine, Instrument, InstrumentKind, InstrumentPose, Joint, LineShape, Obstacle, Organ,
-    PartMesh, SceneRequirements, StaticSurface, TissueMesh, TissueState, ToolContacts, ToolModel, ToolPart, TopologyChanged,
+    PartMesh, Port, SceneRequirements, StaticSurface, TissueMesh, TissueState, ToolContacts, ToolModel, ToolPart, TopologyChanged,
     WhiteboardPlugin,
 };
 
@@ -182,4 +182,28 @@ fn instruments_that_meet_are_listed_and_counted() {
         let expected = if against == Obstacle::Anatomy(wall) { 0.0125 } else { 0.025 };
         assert!(deepest.is_some_and(|(d, up)| (d - expected).abs() < 2e-4 && up > 0.99), "{deepest:?} {against:?}");
     }
+}
+
+/// A shaft that runs through a wall touches it, unless its port is there.
+#[test]
+fn a_shaft_runs_through_the_wall_in_its_port() {
+    let mut app = app();
+    organ(&mut app, block([1; 3], [0.01; 3]), Vec3::Y * -1.0);
+    let vertices = vec![Vec3::new(-1.0, 0.0, -1.0), Vec3::new(1.0, 0.0, -1.0), Vec3::new(0.0, 0.0, 1.0), Vec3::new(0.0, -0.5, 0.0)];
+    app.world_mut().spawn(StaticSurface { vertices, triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]] });
+    // The tip is 10 cm above the wall, the handle behind it; a little aslant.
+    let at = Isometry3d::new(Vec3::Y * 0.1, bevy_math::Quat::from_rotation_x(0.45 * std::f32::consts::PI));
+    let along = at.rotation * Vec3::NEG_Z;
+    let port = Port { position: Vec3::from(at.translation) - along * (0.1 / along.y), inward: Vec3::Y };
+    let shaft = Instrument { kind: InstrumentKind::Grasper, name: "grasper".into(), shaft_length_m: 0.3, shaft_radius_m: 0.0025 };
+    let tool = app.world_mut().spawn((shaft, ToolModel::default(), InstrumentPose { now: at, before: at })).id();
+    let mut near = |port: Option<Port>| {
+        if let Some(port) = port {
+            app.world_mut().entity_mut(tool).insert(port);
+        }
+        app.update();
+        app.world().get::<ToolContacts>(tool).unwrap().near.len()
+    };
+    assert!(near(None) > 0);
+    assert_eq!(near(Some(port)), 0);
 }

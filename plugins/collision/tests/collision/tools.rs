@@ -204,7 +204,7 @@ proptest! {
         let lowest = |at: f32| at - 0.0025;
         let from = Isometry3d::new(Vec3::Y * (above + 0.0025), rotation);
         let to = Isometry3d::new(Vec3::Y * (above + 0.0025 - down), rotation);
-        let met = part_against_surface(part, &Motion { from, to, dt_s: DT }, &slab(), 0.01 + down, 0.01);
+        let met = part_against_surface(part, &Motion { from, to, dt_s: DT }, &slab(), 0.01 + down, 0.01, |_| true);
         prop_assert!(met.iter().all(|m| (m.normal - Vec3::Y).length() < 0.02), "{met:?}");
         let deepest = met.iter().map(|m| m.depth_m).max_by(f32::total_cmp);
         if !jaw {
