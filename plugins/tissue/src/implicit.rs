@@ -18,6 +18,9 @@
 //! - Motion is right to the second order of `h`; linear momentum is kept and free fall is exact.
 //! - Force at `x + b v` is viscosity: a mode of angular frequency `w` has damping ratio `b w / 2`.
 //!
+//! A stage in which a contact pushes (`touch.rs`) is not gone on with: the impulse of what hits would be counted again, and thrown back. The first stage is a step of
+//! backward Euler from the beginning to `c h`, and the rest of the substep is another one. Where nothing pushes nothing is different.
+//!
 //! Where the energy is not convex along the way, or the residual does not fall, the substep is done again as one of backward Euler with a convex bound of
 //! the tangent and as many steps of Newton's method as the energy wants: it goes down, whatever the state. A tick that begins with a tangle is left to
 //! [`crate::rescue`].
