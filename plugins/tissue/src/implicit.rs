@@ -18,6 +18,9 @@
 //! - Motion is right to the second order of `h`; linear momentum is kept and free fall is exact.
 //! - Force at `x + b v` is viscosity: a mode of angular frequency `w` has damping ratio `b w / 2`.
 //!
+//! A stage in which a contact pushes (`touch.rs`) is not gone on with: the impulse of what hits would be counted again, and thrown back. The first stage is a step of
+//! backward Euler from the beginning to `c h`, and the rest of the substep is another one. Where nothing pushes nothing is different.
+//!
 //! Where the energy is not convex along the way, or the residual does not fall, the substep is done again as one of backward Euler with a convex bound of
 //! the tangent and as many steps of Newton's method as the energy wants: it goes down, whatever the state. A tick that begins with a tangle is left to
 //! [`crate::rescue`].
@@ -31,7 +34,7 @@ use crate::newton::{Astray, Care, Newton, Part, TANGLED, Tangent, Tissue, Weight
 use crate::rescue;
 use crate::settings::{TimeStepping, TissueSettings};
 use crate::touches::{Grips, Touches};
-use bevy_math::{DVec3, Vec3, Vec3A};
+use bevy_math::{DMat3, DVec3, Vec3, Vec3A};
 use keyhole_whiteboard::{TissuePoint, TissueState};
 use smallvec::SmallVec;
 use std::f32::consts::FRAC_1_SQRT_2;
@@ -343,8 +346,43 @@ fn stage_of(
     }
     if movers.iter().all(|m| m.holds.is_empty()) && !touches.bear() {
         fall_together(movers, step, stage);
+        if touches.push() {
+            turn_together(movers, stage);
+        }
     }
     Ok(())
+}
+
+/// Bodies that touch nothing but each other keep the angular momentum that they have together: what truncation made of it is given back as a turn of all.
+fn turn_together(movers: &mut [Mover<'_>], stage: Stage) {
+    let sums = |of: &dyn Fn(&Implicit, usize) -> (DVec3, DVec3)| {
+        let (mut mass, mut middle, mut spin, mut inertia) = (0.0, DVec3::ZERO, DVec3::ZERO, DMat3::ZERO);
+        let mut momentum = DVec3::ZERO;
+        for m in &*movers {
+            for (i, own) in m.body.masses.iter().enumerate().filter(|(_, own)| **own > 0.0) {
+                let ((x, v), own) = (of(&m.solver, i), f64::from(*own));
+                mass += own;
+                middle += x * own;
+                momentum += v * own;
+                spin += x.cross(v) * own;
+                inertia += (DMat3::from_diagonal(DVec3::splat(x.length_squared())) - DMat3::from_cols(x * x.x, x * x.y, x * x.z)) * own;
+            }
+        }
+        let c = middle / mass;
+        let offset = DMat3::from_diagonal(DVec3::splat(c.length_squared())) - DMat3::from_cols(c * c.x, c * c.y, c * c.z);
+        (c, spin - c.cross(momentum), inertia - offset * mass)
+    };
+    let (_, before, _) = sums(&|s, i| (s.from[i].as_dvec3(), s.with[i].as_dvec3()));
+    let (middle, after, inertia) = sums(&|s, i| ((s.from[i] + s.velocity[i] * stage.length).as_dvec3(), s.velocity[i].as_dvec3()));
+    let turn = inertia.inverse() * (before / f64::from(1.0 + stage.drag) - after);
+    if !turn.is_finite() {
+        return;
+    }
+    for solver in movers.iter_mut().map(|m| &mut m.solver) {
+        for (v, from) in solver.velocity.iter_mut().zip(&solver.from) {
+            *v += turn.cross((*from + *v * stage.length).as_dvec3() - middle).as_vec3a();
+        }
+    }
 }
 
 /// Bodies that nothing holds fall freely, all together: what rounding makes of their momentum is taken off.
