@@ -10,7 +10,7 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{MaterialId, OuterPlanes};
 use keyhole_whiteboard::{
     Contacts, CuttingLine, Endoscope, FreedFrom, Grasp, Hand, Instrument, InstrumentPose, JawPads, Organ, OrganMaterials, Port,
-    SceneRequirements, TickCost, TickSystems, TissueMesh,
+    SceneRequirements, TickCost, TickSystems, TissueMesh, ToolContacts,
 };
 
 /// Measures a session where the scene requires it; where it does not, no system runs and nothing is allocated. A scene that is started over is a new session.
@@ -106,6 +106,7 @@ fn measure(
     mut assessment: ResMut<Assessment>,
     circulation: Res<Circulation>,
     tools: Query<Tool>,
+    contacts: Query<&ToolContacts>,
     scopes: Query<&Endoscope>,
     organs: Query<&Contacts, With<Organ>>,
 ) {
@@ -127,6 +128,8 @@ fn measure(
             tissue_n: f64::from((contact + pull).length()),
         });
     }
+    let touched = |entity: &Entity| tools.contains(*entity);
+    sample.tools_touch = contacts.iter().map(|c| c.touching.iter().any(touched)).reduce(|one, other| one || other);
     sample.view = scopes.iter().next().map(view_cone);
     sample.blood_lost_ml = circulation.blood_lost_ml;
     sample.clamped = circulation.clamped;

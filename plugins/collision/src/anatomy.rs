@@ -2,9 +2,10 @@
 //! of a point is that to the nearest triangle, its sign that of the pseudo-normal there (J. A. Baerentzen, H. Aanaes, "Signed distance computation using
 //! the angle weighted pseudonormal", 2005), as parry has it.
 
-use crate::convert::{from_parry, to_parry};
+use crate::convert::{MM, direction_from_parry, from_parry, to_parry};
 use bevy_math::Vec3;
 use keyhole_whiteboard::StaticSurface;
+use parry3d::bounding_volume::Aabb;
 use parry3d::query::PointQueryWithLocation;
 use parry3d::shape::{TriMesh, TriMeshFlags};
 use thiserror::Error;
@@ -81,17 +82,28 @@ impl SolidSurface {
         Ok(Self { mesh })
     }
 
+    /// The triangles whose boxes meet a box (m), in an order that depends on the surface alone.
+    pub(crate) fn triangles_in(&self, low: Vec3, high: Vec3) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+        let mut found: Vec<u32> = self.mesh.bvh().intersect_aabb(&Aabb::new(to_parry(low), to_parry(high))).collect();
+        found.sort_unstable();
+        found.into_iter().map(|t| {
+            let triangle = self.mesh.triangle(t);
+            [triangle.a, triangle.b, triangle.c].map(from_parry)
+        })
+    }
+
     /// The nearest point of the surface, if it is not further than `reach_m`.
     #[must_use]
     pub fn nearest(&self, point: Vec3, reach_m: f32) -> Option<Nearest> {
         if !point.is_finite() {
             return None;
         }
-        let (projected, (triangle, _)) = self.mesh.project_local_point_and_get_location_with_max_dist(to_parry(point), false, reach_m)?;
+        let (projected, (triangle, _)) =
+            self.mesh.project_local_point_and_get_location_with_max_dist(to_parry(point), false, reach_m * MM)?;
         let on = from_parry(projected.point);
         let away = point - on;
         let sign = if projected.is_inside { -1.0 } else { 1.0 };
-        let face = self.mesh.triangle(triangle).normal().map(from_parry);
+        let face = self.mesh.triangle(triangle).normal().map(direction_from_parry);
         // So near that no direction is left, the face tells it.
         let normal = (sign * away).try_normalize().or(face)?;
         Some(Nearest { point: on, normal, distance_m: sign * away.length() })

@@ -24,6 +24,10 @@ pub struct SceneRequirements {
     pub instruments: bool,
     /// There is an organ, and something that it may touch: an instrument, another organ, solid anatomy, or itself once it has been cut.
     pub collision: bool,
+    /// There is something rigid, or there may be: clips that can drop, a needle, fragments that become rigid.
+    pub rigid: bool,
+    /// There is a needle.
+    pub suturing: bool,
     /// There is a hand, or a view, to be measured.
     pub assessment: bool,
 }
@@ -45,6 +49,18 @@ impl SceneRequirements {
     #[must_use]
     pub fn collision(requirements: Res<Self>) -> bool {
         requirements.collision
+    }
+
+    /// Run condition of rigid.
+    #[must_use]
+    pub fn rigid(requirements: Res<Self>) -> bool {
+        requirements.rigid
+    }
+
+    /// Run condition of suturing.
+    #[must_use]
+    pub fn suturing(requirements: Res<Self>) -> bool {
+        requirements.suturing
     }
 
     /// Run condition of instruments.

@@ -1,8 +1,8 @@
 //! One tick of the simulator: the order of its sets, and what each cost.
 
 use crate::{
-    CutSettings, CutStatus, DeviceHands, DeviceStatus, Gravity, KeyMap, PointerClaims, SceneRequirements, SimulationControl,
-    TopologyChanged, ViewMode,
+    CutSettings, CutStatus, DeviceHands, DeviceStatus, Gravity, KeyMap, PointerClaims, RigidFragments, RigidReport, SceneRequirements,
+    SimulationControl, TopologyChanged, ViewMode,
 };
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
@@ -94,12 +94,15 @@ impl Plugin for WhiteboardPlugin {
             .init_resource::<TickCost>()
             .init_resource::<DeviceStatus>()
             .init_resource::<DeviceHands>()
+            .init_resource::<RigidFragments>()
+            .init_resource::<RigidReport>()
             .add_message::<TopologyChanged>()
             .edit_schedule(FixedUpdate, |schedule| {
                 schedule.set_build_settings(ScheduleBuildSettings { ambiguity_detection: LogLevel::Error, ..Default::default() });
                 use TickSystems::{Adopt, Assess, Collide, Cut, Gesture, Publish, Rigid, Sense, Tissue};
                 schedule.configure_sets((Sense, Gesture, Cut, Adopt, Collide, Tissue, Rigid, Assess, Publish).chain().run_if(running));
                 schedule.configure_sets((SenseSystems::Devices, SenseSystems::Inputs, SenseSystems::Hands).chain().in_set(Sense));
+                crate::gesture::order(schedule);
             })
             .add_systems(FixedUpdate, start_tick.before(TickSystems::Sense).run_if(running))
             .add_systems(FixedUpdate, end_tick.after(TickSystems::Publish).run_if(running));

@@ -8,7 +8,7 @@ use keyhole_assessment::{Assessment, AssessmentPlugin, Circulation, MetricId, Ou
 use keyhole_tetmesh::{MaterialId, TetMesh};
 use keyhole_whiteboard::{
     Contact, Contacts, Endoscope, FreedFrom, Grasp, Hand, Instrument, InstrumentKind, InstrumentPose, JawPads, Obstacle, Organ,
-    OrganMaterial, OrganMaterials, Port, SceneRequirements, SimulationControl, TissueMesh, WhiteboardPlugin,
+    OrganMaterial, OrganMaterials, Port, SceneRequirements, SimulationControl, TissueMesh, ToolContacts, WhiteboardPlugin,
 };
 
 const HZ: f64 = 50.0;
@@ -154,6 +154,20 @@ fn a_scene_that_is_started_over_is_a_new_session() {
     app.world_mut().resource_mut::<SimulationControl>().paused = false;
     perform(&mut app, entities);
     assert_eq!(outcome(app.world_mut()).unwrap().results, session_without_resection());
+}
+
+#[test]
+fn what_collision_says_of_tools_goes_before_the_distance_of_their_shafts() {
+    let count = |touching: fn(Entity, Entity) -> Entity| {
+        let (mut app, entities) = theatre(true);
+        let [right, left, organ] = entities;
+        app.world_mut().entity_mut(right).insert(ToolContacts { touching: vec![touching(left, organ)], ..Default::default() });
+        app.world_mut().entity_mut(left).insert(ToolContacts::default());
+        perform(&mut app, entities);
+        outcome(app.world_mut()).unwrap().results.value(MetricId::ToolCollisions, None)
+    };
+    assert_eq!(count(|left, _| left), Some(1.0));
+    assert_eq!(count(|_, anatomy| anatomy), Some(0.0), "touching anatomy is no collision of tools");
 }
 
 fn session_without_resection() -> keyhole_assessment::Results {

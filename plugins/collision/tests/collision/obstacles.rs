@@ -16,7 +16,7 @@ fn entity() -> Entity {
 
 fn party<'a>(thing: &'a Thing, velocities: &'a [Vec3]) -> Party<'a> {
     let Thing { mesh, shape, positions } = thing;
-    Party { organ: entity(), topology: mesh.topology(), shape, positions, velocities, friction: 0.1, self_collision: false }
+    Party { organ: entity(), topology: mesh.topology(), shape, positions, velocities, friction: 0.1 }
 }
 
 fn point(thing: &Thing, contact: &Contact) -> Vec3 {
