@@ -12,6 +12,7 @@ use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use keyhole_assessment::AssessmentPlugin;
 use keyhole_assessment::recording::{PlayerSystems, RecordingPlugin};
+use keyhole_clipping::ClippingPlugin;
 use keyhole_collision::CollisionPlugin;
 use keyhole_cutting::CuttingPlugin;
 use keyhole_grasping::GraspingPlugin;
@@ -78,6 +79,7 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
             WhiteboardPlugin,
             InstrumentsPlugin,
             GraspingPlugin,
+            ClippingPlugin,
             SuturingPlugin,
             CuttingPlugin,
             CollisionPlugin,

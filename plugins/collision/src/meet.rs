@@ -72,7 +72,7 @@ pub fn part_against_surface(part: &ToolPart, motion: &Motion, surface: &SolidSur
     let rest = Motion::still(Isometry3d::IDENTITY, motion.dt_s);
     // Of two triangles that a part is near, each at their edge, one is in the other's way; the surface as a whole tells which way is out.
     let side = |point: Vec3, normal: Vec3| {
-        let nearest = surface.nearest(point, reach_m).filter(|n| n.normal.dot(normal) > SAME_SIDE);
+        let nearest = surface.nearest(point, reach_m.max(margin_m)).filter(|n| n.normal.dot(normal) > SAME_SIDE);
         nearest.map_or(normal, |n| n.normal)
     };
     let mut found = Vec::new();

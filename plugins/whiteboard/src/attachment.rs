@@ -5,7 +5,7 @@ use bevy_math::Vec3;
 use keyhole_tetmesh::{NodeEdit, NodeId, TopologyDelta};
 use smallvec::{SmallVec, smallvec};
 
-/// A point of tissue: nodes and weights that sum to one.
+/// A point of tissue: nodes and weights that sum to one. Of a tie ([`Attachment::tie`]) the difference of two: the weights sum to zero.
 pub type TissuePoint = SmallVec<[(NodeId, f32); 4]>;
 
 /// What an attachment holds its point to.
@@ -44,6 +44,28 @@ impl Attachment {
     #[must_use]
     pub fn node_to_space(node: NodeId, position: Vec3, compliance_m_n: f32) -> Self {
         Self { point: smallvec![(node, 1.0)], anchor: Anchor::Space(position), compliance_m_n, until_s: f64::INFINITY }
+    }
+
+    /// Two points of one organ tied together: `upper` is held at `offset` (m, in the world) from `lower`, by a compliance (m/N) that is not zero. What it
+    /// does to the one it does to the other in reverse. `None` where both are the same point. A tie is no anchor: it holds nothing to its place.
+    #[must_use]
+    pub fn tie(upper: &TissuePoint, lower: &TissuePoint, offset: Vec3, compliance_m_n: f32) -> Option<Self> {
+        let mut point = upper.clone();
+        for (node, weight) in lower {
+            match point.iter_mut().find(|(n, _)| n == node) {
+                Some((_, sum)) => *sum -= weight,
+                None => point.push((*node, -weight)),
+            }
+        }
+        point.retain(|(_, weight)| *weight != 0.0);
+        // Not for ever, as what holds an organ in its place does, but for longer than any session.
+        (!point.is_empty()).then_some(Self { point, anchor: Anchor::Space(offset), compliance_m_n, until_s: f64::MAX })
+    }
+
+    /// Whether it is a tie of two points of the organ: its weights sum to zero, not to one.
+    #[must_use]
+    pub fn is_tie(&self) -> bool {
+        self.point.len() > 1 && self.point.iter().map(|(_, w)| w).sum::<f32>() < 0.5
     }
 
     fn names(&self, node: NodeId) -> bool {
@@ -96,5 +118,25 @@ impl Attachments {
             }
         });
         Self(moved)
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
+mod tests {
+    use super::*;
+
+    /// Points that share a node: of that the weights are subtracted.
+    #[test]
+    fn a_tie_is_the_difference_of_two_points() {
+        let point = |weights: &[(u32, f32)]| weights.iter().map(|(n, w)| (NodeId(*n), *w)).collect::<TissuePoint>();
+        let (upper, lower) = (point(&[(1, 0.25), (2, 0.75)]), point(&[(2, 0.5), (3, 0.5)]));
+        let tie = Attachment::tie(&upper, &lower, Vec3::Y, 1e-3).unwrap();
+        assert_eq!(tie.point, point(&[(1, 0.25), (2, 0.25), (3, -0.5)]));
+        assert!(tie.is_tie() && !Attachment::node_to_space(NodeId(1), Vec3::Y, 0.0).is_tie());
+        assert_eq!(Attachment::tie(&upper, &upper, Vec3::Y, 1e-3), None);
+        let mut held = Attachments(vec![tie]);
+        held.expire(1e9);
+        assert_eq!(held.0.len(), 1);
     }
 }

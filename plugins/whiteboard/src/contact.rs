@@ -109,7 +109,8 @@ pub struct ToolTouched {
     pub against: Entity,
 }
 
-/// A closed surface of anatomy that cannot deform, in the world: solid inside. Written by the scene.
+/// A surface of anatomy that cannot deform, in the world: solid behind it. Closed, or open, as a piece of the abdominal wall: then it ends at its border.
+/// Written by the scene.
 #[derive(Component, Clone, Debug, Default, PartialEq)]
 pub struct StaticSurface {
     /// Vertices, m.

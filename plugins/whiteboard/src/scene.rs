@@ -30,6 +30,8 @@ pub struct SceneRequirements {
     pub suturing: bool,
     /// There is a hand, or a view, to be measured.
     pub assessment: bool,
+    /// There is a clip applier, or a vessel that can bleed. What is dropped falls only where rigid is required too.
+    pub clipping: bool,
 }
 
 impl SceneRequirements {
@@ -61,6 +63,12 @@ impl SceneRequirements {
     #[must_use]
     pub fn suturing(requirements: Res<Self>) -> bool {
         requirements.suturing
+    }
+
+    /// Run condition of clipping.
+    #[must_use]
+    pub fn clipping(requirements: Res<Self>) -> bool {
+        requirements.clipping
     }
 
     /// Run condition of instruments.

@@ -1,8 +1,8 @@
 //! One tick of the simulator: the order of its sets, and what each cost.
 
 use crate::{
-    CutSettings, CutStatus, DeviceHands, DeviceStatus, Gravity, KeyMap, PointerClaims, RigidFragments, RigidReport, SceneRequirements,
-    SimulationControl, TopologyChanged, ViewMode,
+    BleedReport, ClipReport, CutSettings, CutStatus, DeviceHands, DeviceStatus, Gravity, KeyMap, PointerClaims, RigidFragments,
+    RigidReport, SceneRequirements, SimulationControl, TopologyChanged, ViewMode,
 };
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
@@ -96,6 +96,8 @@ impl Plugin for WhiteboardPlugin {
             .init_resource::<DeviceHands>()
             .init_resource::<RigidFragments>()
             .init_resource::<RigidReport>()
+            .init_resource::<BleedReport>()
+            .init_resource::<ClipReport>()
             .add_message::<TopologyChanged>()
             .edit_schedule(FixedUpdate, |schedule| {
                 schedule.set_build_settings(ScheduleBuildSettings { ambiguity_detection: LogLevel::Error, ..Default::default() });

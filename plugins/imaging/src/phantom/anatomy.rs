@@ -245,10 +245,10 @@ fn coronaries() -> Union {
     union(tubes.collect(), 1.0)
 }
 
-/// The wall of the peritoneal cavity below the left kidney of somebody who sits and leans forward: an ellipsoidal shell of 6 mm, cut off level.
+/// The wall of the peritoneal cavity below the left kidney of somebody who sits and leans forward: an ellipsoidal shell of 12 mm, cut off level.
 fn abdominal_wall() -> impl Shape {
     let (centre, inner) = (DVec3::new(9.0, -32.0, 1.0), DVec3::new(100.0, 85.0, 115.0));
-    let shell = Difference { of: Ellipsoid::new(centre, inner + 6.0), without: Ellipsoid::new(centre, inner), blend: 1e-3 };
+    let shell = Difference { of: Ellipsoid::new(centre, inner + 12.0), without: Ellipsoid::new(centre, inner), blend: 1e-3 };
     Below { of: shell, down: DVec3::new(0.299, -0.576, -0.761).normalize(), level: 65.0 }
 }
 
