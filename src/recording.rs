@@ -12,8 +12,8 @@ use std::path::Path;
 /// When one of the files cannot be read.
 pub fn header(scene: &Path, theatre: &Theatre) -> Result<Header, RecordingError> {
     let folder = scene.parent().unwrap_or(Path::new(""));
-    let meshes = theatre.scene.organs.iter().filter_map(|organ| organ.mesh.as_ref()).map(Path::new);
-    let surfaces = theatre.scene.anatomy.iter().filter_map(|anatomy| anatomy.path.as_ref()).map(Path::new);
+    let meshes = theatre.scene.organs.iter().filter_map(|organ| organ.mesh.as_deref().map(Path::new));
+    let surfaces = theatre.scene.anatomy.iter().filter_map(|anatomy| anatomy.path.as_deref().map(Path::new));
     // By the names that stand in the scene: a repository that was moved is the same.
     let named = meshes.chain(surfaces).map(|path| (path.strip_prefix(folder).unwrap_or(path), path));
     let own = (Path::new(scene.file_name().unwrap_or(scene.as_os_str())), scene);
