@@ -5,10 +5,12 @@ use crate::simulation::{Output, Settings, TICKS_PER_SECOND, faults, simulation};
 use crate::theatre::Theatre;
 use bevy::prelude::*;
 use keyhole_assessment::recording::{Header, Play, Player, Recorder as InputRecorder, Recording, RecordingError, RecordingWriter};
+use keyhole_assessment::{Outcome as Assessed, outcome as assessed};
 use keyhole_instruments::Script;
 use keyhole_view::{PictureError, PictureOf, PictureRequest, take_pictures};
 use keyhole_whiteboard::{CutMethod, Hand, ViewMode};
 use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Ticks between two frames: ten frames a simulated second.
 const TICKS_PER_FRAME: u64 = TICKS_PER_SECOND as u64 / 10;
@@ -50,6 +52,8 @@ pub struct Outcome {
     pub costs: Costs,
     /// How true a replay was to its recording.
     pub replayed: Option<Replayed>,
+    /// What the session was measured to; `None` where the scene does not require it.
+    pub assessed: Option<Assessed>,
 }
 
 /// How true a replay was to its recording.
@@ -88,6 +92,7 @@ pub enum PerformError {
 pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(u64, u64)) -> Result<Outcome, PerformError> {
     let ticks = ticks(&theatre, wanted)?;
     let demonstration = !theatre.script.is_empty();
+    let scene = theatre.scene.name.clone();
     let shots = shots(&theatre.script, ticks);
     let drawn = wanted.pictures.is_some() || wanted.frames.is_some();
     let output = if drawn { Output::Pictures } else { Output::None };
@@ -121,7 +126,12 @@ pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(
         .world_mut()
         .remove_resource::<Player>()
         .map(|Player { play, .. }| Replayed { compared: play.compared(), differs_from: play.difference().map(|d| d.tick) });
-    Ok(Outcome { summary: recorder.summary(app.world_mut()), costs: recorder.costs().clone(), replayed })
+    let assessed = assessed(app.world_mut()).map(|mut assessed| {
+        assessed.results.scene = scene;
+        assessed.results.ended_unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
+        assessed
+    });
+    Ok(Outcome { summary: recorder.summary(app.world_mut()), costs: recorder.costs().clone(), replayed, assessed })
 }
 
 /// How many ticks are performed.

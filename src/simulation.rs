@@ -10,6 +10,7 @@ use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::time::{TimePlugin, TimeUpdateStrategy};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
+use keyhole_assessment::AssessmentPlugin;
 use keyhole_assessment::recording::{PlayerSystems, RecordingPlugin};
 use keyhole_clipping::ClippingPlugin;
 use keyhole_collision::CollisionPlugin;
@@ -85,6 +86,7 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
             TissuePlugin,
             RigidPlugin,
             RecordingPlugin,
+            AssessmentPlugin,
         ))
         .add_systems(First, (stop_on_fault, reset).chain().after(PlayerSystems))
         .add_systems(FixedFirst, reset.after(PlayerSystems));

@@ -90,7 +90,7 @@ fn a_run_leaves_a_report_and_never_overwrites_one() {
     let output = keyhole(folder.path(), &args);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert_eq!(listing(folder.path()), ["out"]);
-    assert_eq!(listing(&folder.path().join("out")), ["summary.json", "summary.md"]);
+    assert_eq!(listing(&folder.path().join("out")), ["results.csv", "results.html", "results.json", "summary.json", "summary.md"]);
     let json = std::fs::read_to_string(folder.path().join("out/summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!(summary["ticks"], 12);

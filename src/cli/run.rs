@@ -147,6 +147,9 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
 fn write(folder: &Path, outcome: &Outcome) -> std::io::Result<()> {
     let json = serde_json::to_string_pretty(&outcome.summary)?;
     std::fs::write(folder.join("summary.json"), json + "\n")?;
+    if let Some(assessed) = &outcome.assessed {
+        assessed.results.write(folder, assessed.margin.as_ref())?;
+    }
     std::fs::write(folder.join("summary.md"), outcome.summary.markdown(&outcome.costs))
 }
 

@@ -12,6 +12,6 @@ pub mod score;
 pub mod session;
 
 pub use metrics::{Metric, MetricId};
-pub use plugin::{Assessment, AssessmentPlugin, AssessmentSettings, Circulation, Outcome, outcome};
+pub use plugin::{Assessment, AssessmentPlugin, AssessmentSettings, Clamped, Outcome, outcome};
 pub use results::{Measured, Progress, Results};
 pub use score::{Attempt, Score, Standard};

@@ -9,8 +9,8 @@ use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{MaterialId, OuterPlanes};
 use keyhole_whiteboard::{
-    Contacts, CuttingLine, Endoscope, FreedFrom, Grasp, Hand, Instrument, InstrumentPose, JawPads, Organ, OrganMaterials, Port,
-    SceneRequirements, TickCost, TickSystems, TissueMesh,
+    BleedReport, Contacts, CuttingLine, Endoscope, FreedFrom, Grasp, Hand, Instrument, InstrumentPose, JawPads, Organ, OrganMaterials,
+    Port, SceneRequirements, TickCost, TickSystems, TissueMesh, ToolContacts, Vessel,
 };
 
 /// Measures a session where the scene requires it; where it does not, no system runs and nothing is allocated. A scene that is started over is a new session.
@@ -31,14 +31,10 @@ impl Default for AssessmentSettings {
     }
 }
 
-/// What the patient's circulation does: written, before [`TickSystems::Assess`], by whoever simulates it.
+/// Whether the vessels that supply what is operated on are clamped; `None`, as by default, where there is nothing to clamp. Written, before
+/// [`TickSystems::Assess`], by whoever simulates it.
 #[derive(Resource, Clone, Copy, Debug, Default, PartialEq)]
-pub struct Circulation {
-    /// Blood that has been lost since the scene started, ml; `None` where nothing can bleed.
-    pub blood_lost_ml: Option<f64>,
-    /// Whether the supplying vessels are clamped; `None` where there is nothing to clamp.
-    pub clamped: Option<bool>,
-}
+pub struct Clamped(pub Option<bool>);
 
 /// The session that is being measured.
 #[derive(Resource, Debug, Default)]
@@ -64,7 +60,7 @@ struct Before {
 impl Plugin for AssessmentPlugin {
     fn build(&self, app: &mut App) {
         app.init_resource::<AssessmentSettings>()
-            .init_resource::<Circulation>()
+            .init_resource::<Clamped>()
             .init_resource::<Assessment>()
             .add_systems(FixedPreUpdate, begin.run_if(SceneRequirements::assessment).run_if(|cost: Res<TickCost>| cost.ticks == 0))
             .add_systems(FixedUpdate, measure.in_set(TickSystems::Assess).run_if(SceneRequirements::assessment));
@@ -104,8 +100,11 @@ type Tool<'a> =
 
 fn measure(
     mut assessment: ResMut<Assessment>,
-    circulation: Res<Circulation>,
+    clamped: Res<Clamped>,
+    bleeding: Res<BleedReport>,
+    vessels: Query<(), With<Vessel>>,
     tools: Query<Tool>,
+    contacts: Query<&ToolContacts>,
     scopes: Query<&Endoscope>,
     organs: Query<&Contacts, With<Organ>>,
 ) {
@@ -127,9 +126,11 @@ fn measure(
             tissue_n: f64::from((contact + pull).length()),
         });
     }
+    let touched = |entity: &Entity| tools.contains(*entity);
+    sample.tools_touch = contacts.iter().map(|c| c.touching.iter().any(touched)).reduce(|one, other| one || other);
     sample.view = scopes.iter().next().map(view_cone);
-    sample.blood_lost_ml = circulation.blood_lost_ml;
-    sample.clamped = circulation.clamped;
+    sample.blood_lost_ml = (!vessels.is_empty()).then_some(bleeding.lost_ml);
+    sample.clamped = clamped.0;
     ongoing.sums.push(&ongoing.sample);
 }
 

@@ -48,6 +48,8 @@ pub struct ToolSample {
 pub struct Sample {
     /// Instruments, at most one a hand.
     pub tools: Vec<ToolSample>,
+    /// Whether two instruments touch, where somebody looks at that; `None`: the distance of their shafts decides.
+    pub tools_touch: Option<bool>,
     /// The endoscope's view.
     pub view: Option<ViewCone>,
     /// Blood that has been lost so far, ml; `None` where nothing can bleed.
@@ -122,8 +124,8 @@ impl Session {
         }
         if let [one, other] = sample.tools.as_slice() {
             self.two_tools = true;
-            let touching = shafts_touch([one.port, one.shaft_end], [other.port, other.shaft_end], one.radius_m + other.radius_m);
-            self.collisions.push(touching);
+            let near = || shafts_touch([one.port, one.shaft_end], [other.port, other.shaft_end], one.radius_m + other.radius_m);
+            self.collisions.push(sample.tools_touch.unwrap_or_else(near));
         }
         if let Some(view) = &sample.view {
             let tips: Vec<DVec3> = sample.tools.iter().map(|t| t.tip).collect();
@@ -245,6 +247,7 @@ mod tests {
             let view = ViewCone { tip: DVec3::Z * 0.1, direction: DVec3::NEG_Z, half_angle_rad: 0.55_f64.atan(), right: DVec3::X };
             session.push(&Sample {
                 tools: vec![tool(Hand::Right, tip)],
+                tools_touch: None,
                 view: Some(view),
                 blood_lost_ml: Some(0.2 * f64::from(tick)),
                 clamped: Some(tick >= 8),

@@ -212,7 +212,7 @@ impl MetricId {
                 "",
                 Session,
                 Less,
-                "How often two shafts began to touch inside the body; touches less than 0.1 s apart are one.",
+                "How often two instruments began to touch inside the body; touches less than 0.1 s apart are one.",
                 "Tool collisions: a common metric of simulators; the 0.1 s are ours",
             ),
             Self::Horizon => {

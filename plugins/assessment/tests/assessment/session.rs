@@ -4,11 +4,12 @@ use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
 use bevy_math::{DVec3, Isometry3d, Quat, Vec3};
 use bevy_time::{Fixed, Time, TimePlugin, TimeUpdateStrategy};
-use keyhole_assessment::{Assessment, AssessmentPlugin, Circulation, MetricId, Outcome, outcome};
+use keyhole_assessment::{Assessment, AssessmentPlugin, Clamped, MetricId, Outcome, outcome};
 use keyhole_tetmesh::{MaterialId, TetMesh};
 use keyhole_whiteboard::{
-    Contact, Contacts, Endoscope, FreedFrom, Grasp, Hand, Instrument, InstrumentKind, InstrumentPose, JawPads, Obstacle, Organ,
-    OrganMaterial, OrganMaterials, Port, SceneRequirements, SimulationControl, TissueMesh, WhiteboardPlugin,
+    BleedReport, Contact, Contacts, Endoscope, FreedFrom, Grasp, Hand, Instrument, InstrumentKind, InstrumentPose, JawPads, Obstacle,
+    Organ, OrganMaterial, OrganMaterials, Port, SceneRequirements, SimulationControl, TissueMesh, ToolContacts, Vessel, VesselEnd,
+    WhiteboardPlugin,
 };
 
 const HZ: f64 = 50.0;
@@ -35,6 +36,8 @@ pub fn theatre(assessed: bool) -> (App, [Entity; 3]) {
     let mesh = TetMesh::new(nodes, &tets, &[MaterialId(1), MaterialId(0)]);
     assert!(mesh.total_volume() > 0.0);
     let organ = world.spawn((Organ { name: "kidney".into() }, TissueMesh(mesh), materials())).id();
+    let (near, far) = (VesselEnd::default(), VesselEnd::default());
+    world.spawn(Vessel { name: "artery".into(), line: vec![Vec3::ZERO, Vec3::X], radius_m: 0.001, near, far });
     let tool = |x: f32| {
         let told = Instrument { kind: InstrumentKind::Grasper, name: "grasper".into(), shaft_length_m: 0.33, shaft_radius_m: 0.0025 };
         let pads = JawPads { from_m: 0.005, to_m: 0.015, half_width_m: 0.002, closed_gap_m: 0.0005 };
@@ -76,7 +79,8 @@ fn perform(app: &mut App, [right, left, organ]: [Entity; 3]) {
             force_n: Vec3::new(-4.0, 0.0, 0.0),
         };
         world.get_mut::<Contacts>(organ).unwrap().0 = if holds { vec![contact] } else { Vec::new() };
-        *world.resource_mut::<Circulation>() = Circulation { blood_lost_ml: Some(0.5 * f64::from(tick + 1)), clamped: Some(tick < 3) };
+        world.resource_mut::<BleedReport>().lost_ml = 0.5 * f64::from(tick + 1);
+        *world.resource_mut::<Clamped>() = Clamped(Some(tick < 3));
         app.update();
     }
 }
@@ -154,6 +158,20 @@ fn a_scene_that_is_started_over_is_a_new_session() {
     app.world_mut().resource_mut::<SimulationControl>().paused = false;
     perform(&mut app, entities);
     assert_eq!(outcome(app.world_mut()).unwrap().results, session_without_resection());
+}
+
+#[test]
+fn what_collision_says_of_tools_goes_before_the_distance_of_their_shafts() {
+    let count = |touching: fn(Entity, Entity) -> Entity| {
+        let (mut app, entities) = theatre(true);
+        let [right, left, organ] = entities;
+        app.world_mut().entity_mut(right).insert(ToolContacts { touching: vec![touching(left, organ)], ..Default::default() });
+        app.world_mut().entity_mut(left).insert(ToolContacts::default());
+        perform(&mut app, entities);
+        outcome(app.world_mut()).unwrap().results.value(MetricId::ToolCollisions, None)
+    };
+    assert_eq!(count(|left, _| left), Some(1.0));
+    assert_eq!(count(|_, anatomy| anatomy), Some(0.0), "touching anatomy is no collision of tools");
 }
 
 fn session_without_resection() -> keyhole_assessment::Results {
