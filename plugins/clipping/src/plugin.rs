@@ -291,8 +291,7 @@ fn settle(point: &mut TissuePoint, rest: Vec3, mesh: &TetMesh, added: &[TetId]) 
     if is_whole(mesh, point) {
         return true;
     }
-    let found = at_rest(mesh, added.iter().copied(), rest).or_else(|| at_rest(mesh, mesh.iter().map(|(t, _)| t), rest));
-    match found {
+    match at_rest(mesh, added.iter().copied(), rest) {
         Some((_, there)) => {
             *point = there;
             true
