@@ -2,10 +2,11 @@
 //!
 //! The rooms under `plugins/` do not know each other; this crate knows them all. [`theatre`] reads what a scene needs from disk,
 //! [`spawn`] puts it on the whiteboard, [`mod@simulation`] assembles the plugins around it, [`perform`] lets a scene's demonstration run
-//! without a window and [`report`] says how it went. [`study`] holds the experiments. [`cli`] is the command line on top.
+//! without a window, [`mod@recording`] says what a recording of a scene starts with and [`report`] says how it went. [`study`] holds the experiments. [`cli`] is the command line on top.
 
 pub mod cli;
 pub mod perform;
+pub mod recording;
 pub mod report;
 pub mod simulation;
 pub mod spawn;

@@ -4,6 +4,7 @@ use crate::report::{Recorder, Summary, cost::Costs};
 use crate::simulation::{Output, Settings, TICKS_PER_SECOND, faults, simulation};
 use crate::theatre::Theatre;
 use bevy::prelude::*;
+use keyhole_assessment::recording::{Header, Play, Player, Recorder as InputRecorder, Recording, RecordingError, RecordingWriter};
 use keyhole_instruments::Script;
 use keyhole_view::{PictureError, PictureOf, PictureRequest, take_pictures};
 use keyhole_whiteboard::{CutMethod, Hand, ViewMode};
@@ -25,6 +26,19 @@ pub struct Performance {
     pub pictures: Option<PathBuf>,
     /// An existing folder for frames of both views, ten a simulated second.
     pub frames: Option<PathBuf>,
+    /// A recording to play instead of the demonstration, to its end or as long as `seconds` says.
+    pub replay: Option<Recording>,
+    /// A recording to make.
+    pub record: Option<Record>,
+}
+
+/// Where a recording is written, and what it starts with.
+#[derive(Clone, Debug)]
+pub struct Record {
+    /// The file, which must not be there.
+    pub file: PathBuf,
+    /// See [`crate::recording::header`].
+    pub header: Header,
 }
 
 /// What came of it.
@@ -34,6 +48,17 @@ pub struct Outcome {
     pub summary: Summary,
     /// What every tick cost.
     pub costs: Costs,
+    /// How true a replay was to its recording.
+    pub replayed: Option<Replayed>,
+}
+
+/// How true a replay was to its recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Replayed {
+    /// Ticks after which the state was compared.
+    pub compared: u64,
+    /// The first of them whose state differs.
+    pub differs_from: Option<u64>,
 }
 
 /// Why a performance did not come to its end.
@@ -45,6 +70,9 @@ pub enum PerformError {
     /// A picture could not be taken.
     #[error(transparent)]
     Picture(#[from] PictureError),
+    /// The recording could not be written.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
     /// A system of the simulation failed; the log says which.
     #[error("a part of the simulation failed at tick {tick}: the message above says which and why")]
     Fault {
@@ -58,14 +86,19 @@ pub enum PerformError {
 /// # Errors
 /// When there is nothing to perform, a picture fails, or a system fails.
 pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(u64, u64)) -> Result<Outcome, PerformError> {
-    let seconds = wanted.seconds.or(theatre.demonstration_s()).ok_or(PerformError::NothingToPerform)?;
-    let ticks = (seconds * TICKS_PER_SECOND).ceil().max(1.0) as u64;
+    let ticks = ticks(&theatre, wanted)?;
     let demonstration = !theatre.script.is_empty();
     let shots = shots(&theatre.script, ticks);
     let drawn = wanted.pictures.is_some() || wanted.frames.is_some();
     let output = if drawn { Output::Pictures } else { Output::None };
     let faults_before = faults();
     let mut app = simulation(theatre, Settings { output, method: wanted.method, demonstration, threads: wanted.threads });
+    if let Some(recording) = &wanted.replay {
+        app.insert_resource(Player::new(Play::new(recording.clone())));
+    }
+    if let Some(Record { file, header }) = &wanted.record {
+        app.insert_resource(InputRecorder::new(RecordingWriter::create(file, header)?));
+    }
     let mut recorder = Recorder::new(app.world_mut());
     for tick in 1..=ticks {
         app.update();
@@ -81,7 +114,23 @@ pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(
         }
         progress(tick, ticks);
     }
-    Ok(Outcome { summary: recorder.summary(app.world_mut()), costs: recorder.costs().clone() })
+    if let Some(recorder) = app.world_mut().remove_resource::<InputRecorder>() {
+        recorder.finish()?;
+    }
+    let replayed = app
+        .world_mut()
+        .remove_resource::<Player>()
+        .map(|Player { play, .. }| Replayed { compared: play.compared(), differs_from: play.difference().map(|d| d.tick) });
+    Ok(Outcome { summary: recorder.summary(app.world_mut()), costs: recorder.costs().clone(), replayed })
+}
+
+/// How many ticks are performed.
+fn ticks(theatre: &Theatre, wanted: &Performance) -> Result<u64, PerformError> {
+    let in_time = |seconds: f64| (seconds * TICKS_PER_SECOND).ceil().max(1.0) as u64;
+    if let Some(recording) = &wanted.replay {
+        return Ok(wanted.seconds.map_or(u64::MAX, in_time).min(recording.ticks()));
+    }
+    wanted.seconds.or(theatre.demonstration_s()).map(in_time).ok_or(PerformError::NothingToPerform)
 }
 
 /// The ticks at which pictures are taken: the first one, the middle of the time in which a pedal is down, and the last.

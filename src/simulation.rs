@@ -10,14 +10,19 @@ use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::time::{TimePlugin, TimeUpdateStrategy};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
+use keyhole_assessment::recording::{PlayerSystems, RecordingPlugin};
+use keyhole_clipping::ClippingPlugin;
+use keyhole_collision::CollisionPlugin;
 use keyhole_cutting::CuttingPlugin;
 use keyhole_grasping::GraspingPlugin;
 use keyhole_hid::{HidPlugin, shipped};
 use keyhole_hud::HudPlugin;
-use keyhole_instruments::{InstrumentsPlugin, ScriptClock};
+use keyhole_instruments::InstrumentsPlugin;
+use keyhole_rigid::RigidPlugin;
+use keyhole_suturing::SuturingPlugin;
 use keyhole_tissue::TissuePlugin;
 use keyhole_view::ViewPlugin;
-use keyhole_whiteboard::{CutMethod, SimulationControl, WhiteboardPlugin};
+use keyhole_whiteboard::{CutMethod, ScriptClock, SimulationControl, WhiteboardPlugin};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -69,8 +74,20 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
     add_engine(&mut app, settings);
     app.set_error_handler(count_fault)
         .insert_resource(Time::<Fixed>::from_hz(TICKS_PER_SECOND))
-        .add_plugins((WhiteboardPlugin, InstrumentsPlugin, GraspingPlugin, CuttingPlugin, TissuePlugin))
-        .add_systems(First, (stop_on_fault, reset).chain());
+        .add_plugins((
+            WhiteboardPlugin,
+            InstrumentsPlugin,
+            GraspingPlugin,
+            ClippingPlugin,
+            SuturingPlugin,
+            CuttingPlugin,
+            CollisionPlugin,
+            TissuePlugin,
+            RigidPlugin,
+            RecordingPlugin,
+        ))
+        .add_systems(First, (stop_on_fault, reset).chain().after(PlayerSystems))
+        .add_systems(FixedFirst, reset.after(PlayerSystems));
     match settings.output {
         Output::None => {}
         Output::Pictures => {

@@ -2,16 +2,18 @@
 
 use crate::theatre::Theatre;
 use bevy::prelude::*;
-use keyhole_instruments::{Script, ScriptClock, TrocarState, tools};
-use keyhole_scene::{SceneTimeStepping, SceneTissue, SceneTissueModel};
+use keyhole_collision::{CollisionSettings, SelfCollision};
+use keyhole_instruments::{Script, TrocarState, tools};
+use keyhole_scene::surface;
+use keyhole_scene::{SceneSelfCollision, SceneTimeStepping, SceneTissue, SceneTissueModel};
 use keyhole_tetmesh::TetMesh;
 use keyhole_tissue::reference::{ReferenceError, unloaded};
 use keyhole_tissue::{
     Capsule, Constraints, TeschnerSettings, TimeStepping, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings,
 };
 use keyhole_whiteboard::{
-    Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, SimulationControl, TickCost,
-    TissueMesh, TissueState, TopologyChanged,
+    Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, ScriptClock,
+    SimulationControl, SurfaceFriction, TickCost, TissueMesh, TissueState, TopologyChanged,
 };
 
 /// Part of the sag within which a rest shape hangs as the scan.
@@ -74,6 +76,11 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             thickness_m: c.thickness_mm * 1e-3,
         });
     }
+    world.resource_mut::<CollisionSettings>().self_collision = match scene.collision.itself {
+        SceneSelfCollision::OnceCut => SelfCollision::OnceCut,
+        SceneSelfCollision::Always => SelfCollision::Always,
+        SceneSelfCollision::Never => SelfCollision::Never,
+    };
     for (organ, mesh) in scene.organs.iter().zip(&theatre.meshes) {
         let mut attachments = organ.attachments(mesh);
         for attachment in &mut attachments.0 {
@@ -93,11 +100,21 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
                 ),
             }
         }
-        world.spawn((Organ { name: organ.name.clone() }, TissueMesh(mesh), state, materials, attachments));
+        let mut entity = world.spawn((Organ { name: organ.name.clone() }, TissueMesh(mesh), state, materials, attachments));
+        rub(&mut entity, organ.friction);
     }
-    for surface in &scene.anatomy {
-        let anatomy = Anatomy { name: surface.name.clone(), path: (&surface.path).into(), colour: surface.colour };
-        world.spawn((anatomy, Transform::from_isometry(surface.transform.isometry())));
+    for (told, surface) in scene.anatomy.iter().zip(&theatre.surfaces) {
+        let anatomy = Anatomy { name: told.name.clone(), surface: surface.clone(), colour: told.colour };
+        let mut entity = world.spawn((anatomy, Transform::from_isometry(told.transform.isometry())));
+        if told.solid {
+            match surface::solid(surface, &told.transform) {
+                Ok(solid) => {
+                    entity.insert(solid);
+                }
+                Err(error) => error!("anatomy {}: nothing touches it: {error}", told.name),
+            }
+            rub(&mut entity, told.friction);
+        }
     }
     for instrument in &scene.instruments {
         let Some(port) = scene.port(&instrument.port) else { continue };
@@ -115,6 +132,7 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             entity.insert(instrument.cutting_line(of_kind));
         }
         entity.insert((told, instrument.hand.hand(), port, state));
+        rub(&mut entity, instrument.friction);
     }
     if let Some(scope) = &scene.endoscope
         && let Some(port) = scene.port(&scope.port)
@@ -126,6 +144,13 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             roll_rad: 0.0,
         };
         world.spawn((endoscope, port, trocar_state(scope.yaw_deg, scope.pitch_deg, scope.insertion_m)));
+    }
+}
+
+/// Gives an entity the friction that its scene says, if it says one.
+fn rub(entity: &mut EntityWorldMut, friction: Option<f32>) {
+    if let Some(coefficient) = friction {
+        entity.insert(SurfaceFriction(coefficient));
     }
 }
 

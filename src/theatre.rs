@@ -2,8 +2,10 @@
 
 use bevy::prelude::*;
 use keyhole_instruments::{HandKey, HandTrack, Script, ScriptError, ViewKey};
-use keyhole_scene::{Scene, SceneError};
+use keyhole_scene::surface::SurfaceError;
+use keyhole_scene::{Scene, SceneAnatomy, SceneError};
 use keyhole_tetmesh::TetMesh;
+use keyhole_whiteboard::PartMesh;
 use std::path::{Path, PathBuf};
 
 /// The scene that is played when none is named, from the root of the repository.
@@ -16,6 +18,8 @@ pub struct Theatre {
     pub scene: Scene,
     /// The meshes of its organs, at their place in the world.
     pub meshes: Vec<TetMesh>,
+    /// The surfaces of its anatomy, each in its own frame.
+    pub surfaces: Vec<PartMesh>,
     /// Its demonstration; empty when it has none.
     pub script: Script,
 }
@@ -26,6 +30,9 @@ pub enum TheatreError {
     /// The scene or one of its meshes.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// The surface of a piece of anatomy.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
     /// The scene is well-formed, but what it says cannot be.
     #[error("{}", list(path, problems))]
     Problems {
@@ -62,8 +69,9 @@ impl Theatre {
             return Err(TheatreError::Problems { path: path.into(), problems });
         }
         let meshes = scene.organs.iter().map(|o| o.read_mesh()).collect::<Result<_, _>>()?;
+        let surfaces = scene.anatomy.iter().map(SceneAnatomy::read_surface).collect::<Result<_, _>>()?;
         let script = script(&scene).map_err(|source| TheatreError::Script { path: path.into(), source })?;
-        Ok(Self { scene, meshes, script })
+        Ok(Self { scene, meshes, surfaces, script })
     }
 
     /// How long the demonstration lasts, s; `None` when there is none.

@@ -13,7 +13,21 @@ const RENDERING: [&str; 3] = ["keyhole", "keyhole-view", "keyhole-hud"];
 const RENDERERS: [&str; 8] = ["bevy", "bevy_render", "bevy_pbr", "bevy_winit", "bevy_window", "bevy_core_pipeline", "wgpu", "egui"];
 
 /// Rooms whose algorithms are plain functions, with the app known to `plugin.rs` alone.
-const PLAIN: [&str; 11] = ["tetmesh", "imaging", "tissue", "collision", "cutting", "instruments", "grasping", "clipping", "rigid", "hid", "scene"];
+const PLAIN: [&str; 13] = [
+    "tetmesh",
+    "imaging",
+    "tissue",
+    "collision",
+    "cutting",
+    "instruments",
+    "grasping",
+    "clipping",
+    "rigid",
+    "suturing",
+    "hid",
+    "scene",
+    "assessment",
+];
 
 /// What an algorithm file never says.
 const APP_WORDS: [&str; 6] = ["bevy_app", "Query<", "Commands", "ResMut<", "MessageReader<", "MessageWriter<"];

@@ -14,7 +14,7 @@ use std::time::Duration;
 pub struct MeshArgs {
     /// A NIfTI label volume (.nii, .nii.gz), a DICOM-SEG, or a folder, zip archive or DICOMDIR with a CT series or one of these.
     pub input: PathBuf,
-    /// .vtu: tetrahedra. .glb: a surface that is only drawn. World metres: X patient left, Y superior, Z anterior.
+    /// .vtu: tetrahedra. .glb: a surface that is only drawn, or with --solid one that can be touched. World metres: X patient left, Y superior, Z anterior.
     #[arg(short, long, value_name = "OUT", required_unless_present = "list")]
     pub output: Option<PathBuf>,
     /// List the CT series or the segments of the input and do nothing else.
@@ -49,6 +49,9 @@ pub struct MeshArgs {
     /// Move the mesh's box to the origin instead of leaving it where the patient is (volume meshes only).
     #[arg(long)]
     pub centre: bool,
+    /// Close the surface, so that tissue and instruments can touch it (.glb only): it is the boundary of tetrahedra of this --edge.
+    #[arg(long)]
+    pub solid: bool,
     /// Colour of a surface, linear RGB from 0 to 1.
     #[arg(long, value_name = "R,G,B", value_parser = colour, default_value = "0.8,0.8,0.8")]
     pub colour: [f32; 3],
@@ -86,6 +89,9 @@ pub fn run(args: MeshArgs) -> Result<(), Failure> {
         let name = picture.display();
         return Err(Failure::input(format!("{name}: expected a name that ends in .png, and a volume mesh (.vtu) to draw")));
     }
+    if args.solid && volume {
+        return Err(Failure::input("--solid closes a surface: give an output that ends in .glb, or leave it out".to_owned()));
+    }
     for out in std::iter::once(&output).chain(&args.report).chain(&args.picture) {
         let folder = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         if !folder.is_dir() {
@@ -105,7 +111,20 @@ pub fn run(args: MeshArgs) -> Result<(), Failure> {
     let bar = spinner();
     bar.set_message(format!("reading {}", args.input.display()));
     let labels = input::read(&args.input, &selection).map_err(Failure::input)?;
-    let json = if volume {
+    let json = if args.solid {
+        let options = MeshOptions {
+            edge_mm: args.edge,
+            core_doublings: 0,
+            component: component.unwrap_or(ComponentChoice::All),
+            centring: Centring::Patient,
+        };
+        let made = pipeline::make(labels, &options, &mut |stage: Stage| bar.set_message(stage.name())).map_err(Failure::input)?;
+        let name = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        glb::write(&output, &name, &drawn::solid(&made.mesh), args.colour).map_err(Failure::job)?;
+        bar.finish_and_clear();
+        println!("{}", made.report);
+        serde_json::to_vec_pretty(&made.report)
+    } else if volume {
         let centring = if args.centre { Centring::Origin } else { Centring::Patient };
         let core_doublings = args.core.map_or(0.0, |core| (core / args.edge).log2().floor()).clamp(0.0, 8.0) as u8;
         let options = MeshOptions { edge_mm: args.edge, core_doublings, component: component.unwrap_or_default(), centring };

@@ -1,10 +1,12 @@
 //! `keyhole run`: a scene performed without a window.
 
 use crate::cli::{Failure, MethodArg};
-use crate::perform::{Outcome, PerformError, Performance, perform};
+use crate::perform::{Outcome, PerformError, Performance, Record, Replayed, perform};
+use crate::recording::{header, read};
 use crate::report::folder::Folder;
 use crate::theatre::Theatre;
 use indicatif::{ProgressBar, ProgressStyle};
+use keyhole_assessment::recording::{Recording, RecordingError};
 use keyhole_view::adapter_available;
 use keyhole_whiteboard::CutMethod;
 use std::io::Write;
@@ -30,6 +32,15 @@ pub struct RunArgs {
     /// Number of threads; the result does not depend on it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
+    /// Record what comes from outside in each tick to this file, which must not be there.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// Play a recording instead of the demonstration.
+    #[arg(long, value_name = "FILE", conflicts_with = "method")]
+    pub replay: Option<PathBuf>,
+    /// Fail unless the replay has the same bits as the recording after every tick.
+    #[arg(long, requires = "replay")]
+    pub verify: bool,
 }
 
 /// What a run is to leave behind, and how.
@@ -40,6 +51,9 @@ pub(crate) struct Wanted {
     pub report: Option<PathBuf>,
     pub method: Option<CutMethod>,
     pub threads: Option<usize>,
+    pub record: Option<Record>,
+    pub replay: Option<Recording>,
+    pub verify: bool,
 }
 
 /// Performs a scene and prints a summary.
@@ -48,7 +62,12 @@ pub(crate) struct Wanted {
 /// Status 2 for a scene that is not as it should be or a folder that is in use; status 1 when the performance fails.
 pub fn run(args: RunArgs) -> Result<(), Failure> {
     let theatre = Theatre::load(&args.scene).map_err(Failure::input)?;
+    let record = args.record.map(|file| header(&args.scene, &theatre).map(|header| Record { file, header }));
+    let replay = args.replay.map(|file| read(&file, &args.scene, &theatre));
     let wanted = Wanted {
+        record: record.transpose().map_err(Failure::input)?,
+        replay: replay.transpose().map_err(Failure::input)?,
+        verify: args.verify,
         seconds: args.seconds,
         frames: args.frames,
         report: args.report,
@@ -87,6 +106,8 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
         threads: wanted.threads,
         pictures,
         frames: frames.as_ref().map(|(folder, _)| folder.path().to_owned()),
+        record: wanted.record.clone(),
+        replay: wanted.replay.clone(),
     };
     let bar = progress_bar();
     let outcome = perform(theatre, &performance, |tick, ticks| {
@@ -95,8 +116,8 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
     });
     bar.finish_and_clear();
     let mut outcome = outcome.map_err(|e| match e {
-        PerformError::NothingToPerform => Failure::input(e),
-        PerformError::Picture(_) | PerformError::Fault { .. } => Failure::job(e),
+        PerformError::NothingToPerform | PerformError::Recording(RecordingError::File { .. }) => Failure::input(e),
+        PerformError::Picture(_) | PerformError::Fault { .. } | PerformError::Recording(_) => Failure::job(e),
     })?;
     outcome.summary.pictures = drawn_with;
     say(&outcome.summary.markdown(&outcome.costs));
@@ -107,6 +128,13 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
         let in_place = |e: std::io::Error| Failure::job(format!("{}: {e}", place.display()));
         write(folder.path(), &outcome).map_err(in_place)?;
         say(&format!("Report: {}", folder.finish().map_err(in_place)?.display()));
+    }
+    if let Some(replayed) = outcome.replayed {
+        let verdict = replay_verdict(replayed);
+        if wanted.verify && replayed.differs_from.is_some() {
+            return Err(Failure::job(verdict));
+        }
+        say(&verdict);
     }
     if outcome.summary.quarantined.is_empty() {
         Ok(())
@@ -122,8 +150,19 @@ fn write(folder: &Path, outcome: &Outcome) -> std::io::Result<()> {
     std::fs::write(folder.join("summary.md"), outcome.summary.markdown(&outcome.costs))
 }
 
+/// Whether a replay had the bits of its recording, in words.
+pub(crate) fn replay_verdict(replayed: Replayed) -> String {
+    let Replayed { compared, differs_from } = replayed;
+    match differs_from {
+        None => format!("Replay: the same bits after each of {compared} ticks."),
+        Some(tick) => {
+            format!("the replay differs from its recording from tick {tick} of {compared} on: was it made by another build of the program?")
+        }
+    }
+}
+
 /// Prints a line. A reader that has had enough and closed the pipe is no reason to fail.
-fn say(line: &str) {
+pub(crate) fn say(line: &str) {
     drop(writeln!(std::io::stdout(), "{line}"));
 }
 

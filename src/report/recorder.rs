@@ -8,7 +8,7 @@ use crate::theatre::Theatre;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use keyhole_tissue::{Quarantined, TissueBody, TissueReport};
-use keyhole_whiteboard::{Attachments, CutSettings, CutStatus, FreedFrom, Gravity, Organ, TickCost, TissueMesh, TissueState};
+use keyhole_whiteboard::{Attachments, Contacts, CutSettings, CutStatus, FreedFrom, Gravity, Organ, TickCost, TissueMesh, TissueState};
 
 /// Ticks between two entries of a fragment's path.
 const TICKS_PER_ENTRY: u64 = TICKS_PER_SECOND as u64 / 10;
@@ -97,10 +97,10 @@ impl Recorder {
 
     fn follow_fragments(&mut self, world: &mut World) {
         let gravity = world.resource::<Gravity>().0.as_dvec3();
-        let mut fragments = world.query::<(Entity, &Organ, &FreedFrom, &TissueBody, &TissueState, &Attachments)>();
+        let mut fragments = world.query::<(Entity, &Organ, &FreedFrom, &TissueBody, &TissueState, &Attachments, &Contacts)>();
         let mut found: Vec<_> = fragments.iter(world).collect();
         found.sort_unstable_by_key(|(entity, ..)| *entity);
-        for (organ, name, freed, body, state, attachments) in found {
+        for (organ, name, freed, body, state, attachments, contacts) in found {
             let Some(motion) = motion(body.body.masses(), state) else { continue };
             let now_s = self.ticks as f64 / TICKS_PER_SECOND;
             let path = match self.paths.iter().position(|p| p.organ == organ) {
@@ -117,10 +117,16 @@ impl Recorder {
             if path.fragment.held {
                 // It falls from where it is let go.
                 (path.start_tick, path.start, path.velocity, path.off_m) = (self.ticks, motion.centre, motion.velocity, 0.0);
+                path.fragment.touched_at_s = None;
+            } else if path.fragment.touched_at_s.is_none() && contacts.0.iter().any(|c| c.force_n != Vec3::ZERO) {
+                path.fragment.touched_at_s = Some(now_s);
             }
             let t = (self.ticks - path.start_tick) as f64 / TICKS_PER_SECOND;
             let free_fall = path.start + path.velocity * t + gravity * (t * t / 2.0);
-            path.off_m = path.off_m.max(motion.centre.distance(free_fall));
+            if path.fragment.touched_at_s.is_none() {
+                path.off_m = path.off_m.max(motion.centre.distance(free_fall));
+            }
+            path.fragment.speed_m_s = motion.velocity.length();
             path.fragment.mass_kg = motion.mass;
             path.fragment.off_free_fall_m = (!path.fragment.held).then_some(path.off_m);
             path.fragment.fallen_m = (motion.centre - path.start).dot(gravity.normalize_or_zero());

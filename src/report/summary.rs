@@ -100,8 +100,12 @@ pub struct Fragment {
     /// How far its centre of mass has moved along gravity since nothing holds it, m.
     pub fallen_m: f64,
     /// Largest distance of its centre of mass from `c + v t + g t2 / 2` with `c` and `v` of the tick since which nothing
-    /// holds it, m; `null` while something does.
+    /// holds it, until something touches it, m; `null` while something holds it.
     pub off_free_fall_m: Option<f64>,
+    /// When something first pushed it since nothing holds it, s; `null` until then.
+    pub touched_at_s: Option<f64>,
+    /// Speed of its centre of mass at the end, m/s.
+    pub speed_m_s: f64,
     /// Its centre of mass over time, ten times a second: time since the start (s), x, y, z (m).
     pub centre_of_mass: Vec<[f64; 4]>,
 }
@@ -160,7 +164,16 @@ impl Summary {
             writeln!(w, "| fragment | freed at / s | mass / g | fallen / mm | off free fall / mm |\n|---|---:|---:|---:|---:|")?;
             for f in &self.fragments {
                 let off = f.off_free_fall_m.map_or("held".into(), |m| format!("{:.3}", m * 1e3));
-                writeln!(w, "| {} | {:.3} | {:.3} | {:.2} | {off} |", f.name, f.freed_at_s, f.mass_kg * 1e3, f.fallen_m * 1e3)?;
+                let touched = f.touched_at_s.map_or("never".into(), |s| format!("{s:.3}"));
+                writeln!(
+                    w,
+                    "| {} | {:.3} | {:.3} | {:.2} | {off} | {touched} | {:.4} |",
+                    f.name,
+                    f.freed_at_s,
+                    f.mass_kg * 1e3,
+                    f.fallen_m * 1e3,
+                    f.speed_m_s
+                )?;
             }
             writeln!(w)?;
         }

@@ -9,7 +9,7 @@
 mod meshes;
 
 use bevy_math::{Quat, Vec3};
-use keyhole_collision::{Detector, Grading, Hit, Weights, mean_edge_m};
+use keyhole_collision::{Body, Detector, Folds, Grading, Hit, Weights, mean_edge_m};
 use keyhole_tetmesh::{DVec3, EDGES, NodeId, TetId, TetMesh};
 use meshes::{Thing, block, divided};
 use parry3d::bounding_volume::Aabb;
@@ -36,6 +36,12 @@ fn main() {
         for own in [false, true] {
             report(&pair, own, Grading::Hierarchical, "hierarchical");
         }
+    }
+    println!(
+        "\neach block against itself with a memory, while it sways and a dent of 5 mm goes over it at 5 cm/s, and the two against each other"
+    );
+    for cells in [16, 46].into_iter().filter(|c| only.is_none_or(|o| o == *c)) {
+        report_moving(cells);
     }
     if only.is_some_and(|o| o != 0) {
         return;
@@ -124,6 +130,61 @@ fn report(pair: &[Thing; 2], own: bool, grading: Grading, name: &str) {
     println!(
         "{tets:7} tets, {hits:6} hits: {wall_ms:7.3} ({cpu_ms:7.3}) {two_ms:7.3} ms, {a_tet:5.1} ns a tet, {allocations} allocations; {name}{own}"
     );
+}
+
+/// The tick as the plugin does it: each body against itself with a memory, and both against each other.
+fn report_moving(cells: u32) {
+    const FRAMES: usize = 60;
+    let things = pair(&block([cells; 3], [0.05; 3]), &block([cells; 3], [0.05; 3]));
+    // There and back, so that it can go on for ever without a jump.
+    let there = |f: usize| (1.0 - (f as f32 / FRAMES as f32 * std::f32::consts::TAU).cos()) / 2.0;
+    let frames: Vec<[Vec<Vec3>; 2]> =
+        (0..FRAMES).map(|f| [0, 1].map(|i| things[i].positions.iter().map(|p| moved(*p, there(f))).collect())).collect();
+    let tets = 2 * things[0].mesh.tet_count();
+    for between in [false, true] {
+        for threads in [1, 2] {
+            let mut folds = [0, 1].map(|i| Folds::of(&things[i].mesh, &things[i].shape));
+            let mut detector = Detector::default();
+            let mut tick = |at: usize| {
+                let frame = &frames[at % FRAMES];
+                let own: usize = (0..2).map(|i| folds[i].detect(&things[i].shape, &frame[i], i as u16).len()).sum();
+                let body = |i: usize| Body { positions: &frame[i], ..things[i].body(false) };
+                own + if between { detector.detect(&[body(0), body(1)], Grading::Hierarchical).len() } else { 0 }
+            };
+            pool(threads).install(|| {
+                let first = Instant::now();
+                tick(0);
+                let first_ms = first.elapsed().as_secs_f64() * 1e3;
+                (1..2 * FRAMES).for_each(|at| _ = tick(at));
+                let mut at = 0;
+                let (wall_ms, cpu_ms, hits) = least(|| {
+                    at += 1;
+                    tick(at)
+                });
+                let memory = Region::new(MEMORY);
+                (0..FRAMES).for_each(|f| _ = tick(at + f));
+                let allocations = memory.change().allocations as f64 / FRAMES as f64;
+                let both = if between { " and against each other" } else { "" };
+                println!(
+                    "{tets:7} tets, {hits:6} hits: {wall_ms:7.3} ({cpu_ms:7.3}) ms on {threads}, the first {first_ms:.1}, {allocations:.1} allocations; each against itself{both}"
+                );
+            });
+            for frame in [&frames[0], &frames[FRAMES / 3]] {
+                let anew =
+                    Detector::default().detect(&[Body { positions: &frame[0], ..things[0].body(true) }], Grading::Hierarchical).to_vec();
+                assert_eq!(folds[0].detect(&things[0].shape, &frame[0], 0), anew, "the same with a memory as without");
+            }
+            let (restless, all) = folds[0].restless();
+            println!("        {restless} of {all} patches not calm, {} bytes a tet", folds[0].bytes() / things[0].mesh.tet_count());
+        }
+    }
+}
+
+/// A block that sways by 5 mm and has a dent of 5 mm at a place that goes 5 cm to and fro in two seconds.
+fn moved(p: Vec3, t: f32) -> Vec3 {
+    let dent = Vec3::new(0.05 * t, 0.05, 0.02);
+    let near = (-(p - dent).length_squared() / (2.0 * 0.008 * 0.008)).exp();
+    p + Vec3::new(2.0 * t * p.y * p.y, -0.005 * near, 0.0)
 }
 
 fn report_other(pair: &[Thing; 2], name: &str, mut find: impl FnMut(&[Thing; 2]) -> Vec<Hit>) {

@@ -7,6 +7,7 @@ use crate::fresh::{FreshCuts, NodeOf, PARTED};
 use crate::shape::{Role, Shape};
 use crate::tool::{Motion, ToolPart};
 use crate::walk::Deformed;
+use crate::within::push_out;
 use bevy_ecs::prelude::Entity;
 use bevy_math::Vec3;
 use keyhole_tetmesh::{NodeId, Topology};
@@ -28,15 +29,13 @@ pub struct Party<'a> {
     pub velocities: &'a [Vec3],
     /// Coulomb's coefficient of its surface.
     pub friction: f32,
-    /// Whether it may meet itself.
-    pub self_collision: bool,
 }
 
 impl<'a> Party<'a> {
-    /// What detection looks at.
+    /// What detection between bodies looks at.
     #[must_use]
     pub fn body(&self) -> Body<'a> {
-        Body { shape: self.shape, positions: self.positions, self_collision: self.self_collision }
+        Body { shape: self.shape, positions: self.positions, self_collision: false }
     }
 
     fn deformed(&self) -> Deformed<'a> {
@@ -158,23 +157,52 @@ pub fn with_anatomy(organ: &Party, anatomy: (Entity, &SolidSurface), friction: f
     }
 }
 
-/// The contacts of an organ's surface with a part of an instrument; see [`ToolPart::touch`].
+/// The contacts of an organ's surface with a part of an instrument; see [`ToolPart::touch`]. The surface moves on over the tick as it does now.
 pub fn with_tool(organ: &Party, tool: (Entity, &ToolPart, &Motion), friction: f32, near_m: f32, contacts: &mut Vec<Contact>) {
     let (entity, part, motion) = tool;
     let (low, high) = part.swept_box(motion, near_m);
     for nodes in organ.shape.triangles() {
         let corners = nodes.map(|n| organ.positions[n.index()]);
         let [a, b, c] = corners;
-        if a.max(b).max(c).cmplt(low).any() || a.min(b).min(c).cmpgt(high).any() || !(a + b + c).is_finite() {
+        let [u, v, w] = nodes.map(|n| organ.velocities[n.index()] * motion.dt_s);
+        let (ahead, behind) = (u.max(v).max(w).max(Vec3::ZERO), u.min(v).min(w).min(Vec3::ZERO));
+        if (a.max(b).max(c) + ahead).cmplt(low).any() || (a.min(b).min(c) + behind).cmpgt(high).any() {
             continue;
         }
-        let Some(touch) = part.touch(motion, corners, near_m) else { continue };
+        if !(a + b + c + u + v + w).is_finite() {
+            continue;
+        }
+        let Some(touch) = part.touch(motion, corners, [a + u, b + v, c + w], near_m) else { continue };
         contacts.push(Contact {
             point: nodes.into_iter().zip(touch.weights).collect(),
             normal: touch.normal,
             depth_m: touch.depth_m,
             surface_m: touch.surface_m,
             velocity_m_s: touch.velocity_m_s,
+            friction: friction_between(organ.friction, friction),
+            against: Obstacle::Instrument(entity),
+            force_n: Vec3::ZERO,
+        });
+    }
+}
+
+/// The contacts of an organ with a part of an instrument whose middle is in it; see [`push_out`]. `hits` are those of the part's spine in the organ.
+pub fn with_tool_within(
+    organ: &Party,
+    tool: (Entity, &ToolPart, &Motion),
+    hits: &[Hit],
+    friction: f32,
+    last: &mut Option<Vec3>,
+    contacts: &mut Vec<Contact>,
+) {
+    let (entity, part, motion) = tool;
+    for sunk in push_out(part, motion, organ.deformed(), hits, last) {
+        contacts.push(Contact {
+            point: organ.topology.corners(sunk.hit.tet).into_iter().zip(sunk.hit.weights).collect(),
+            normal: sunk.normal,
+            depth_m: sunk.depth_m,
+            surface_m: sunk.at + sunk.normal * sunk.depth_m,
+            velocity_m_s: sunk.velocity_m_s,
             friction: friction_between(organ.friction, friction),
             against: Obstacle::Instrument(entity),
             force_n: Vec3::ZERO,

@@ -1,10 +1,12 @@
 //! Glue: what is on the whiteboard touches, and its contacts are written there.
 
 use crate::anatomy::SolidSurface;
-use crate::contacts::{Party, between_tissue, exempt, part, with_anatomy, with_tool};
+use crate::contacts::{Party, between_tissue, exempt, part, with_anatomy, with_tool, with_tool_within};
 use crate::depth::Depths;
 use crate::detect::{Body, Detector, Hit};
+use crate::folds::Folds;
 use crate::fresh::FreshCuts;
+use crate::meet::{Meeting, part_against_part, part_against_surface};
 use crate::settings::{CollisionSettings, SelfCollision};
 use crate::shape::Shape;
 use crate::tool::{Motion, ToolPart};
@@ -13,19 +15,30 @@ use bevy_ecs::prelude::*;
 use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, Contact, Contacts, CuttingLine, FragmentDetached, FreedFrom, Instrument, InstrumentPose, Jaws, Joint, SceneRequirements,
-    StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolModel, TopologyChanged,
+    Blade, Contact, Contacts, CuttingLine, FragmentDetached, FreedFrom, Instrument, InstrumentPose, Jaws, Joint, Obstacle,
+    SceneRequirements, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts, ToolModel, ToolTouch,
+    ToolTouched, TopologyChanged,
 };
 
-/// Writes the contacts of every organ, in [`TickSystems::Collide`].
+/// How near a surface has to be to be touched, as a part of what is near.
+const TOUCHES: f32 = 0.2;
+
+/// Writes the contacts of every organ, and those of instruments with each other and with anatomy, in [`TickSystems::Collide`].
 pub struct CollisionPlugin;
 
 impl Plugin for CollisionPlugin {
     fn build(&self, app: &mut App) {
-        app.init_resource::<CollisionSettings>().init_resource::<Workspace>().add_observer(follow_fragment).add_systems(
-            FixedUpdate,
-            (adopt_changes, prepare, find_contacts).chain().in_set(TickSystems::Collide).run_if(SceneRequirements::collision),
-        );
+        app.init_resource::<CollisionSettings>()
+            .init_resource::<Workspace>()
+            .add_message::<ToolTouched>()
+            .add_observer(follow_fragment)
+            .add_systems(
+                FixedUpdate,
+                (adopt_changes, prepare, find_tool_contacts, find_contacts, keep_jaws)
+                    .chain()
+                    .in_set(TickSystems::Collide)
+                    .run_if(SceneRequirements::collision),
+            );
     }
 }
 
@@ -43,6 +56,8 @@ struct Workspace {
 struct OrganShape {
     shape: Shape,
     cut: bool,
+    /// What looks for the organ in itself; there once it has been needed.
+    folds: Option<Folds>,
 }
 
 /// The parts of an instrument that touch tissue.
@@ -58,6 +73,22 @@ struct MovingPart {
     joint: Joint,
     /// Whether tissue gives way to it by being cut, while the blade cuts.
     cuts: bool,
+    /// By organ that its middle is in: the way out, in its frame.
+    ways: Vec<(Entity, Vec3)>,
+    /// Its middle when the tick begins, m.
+    middle: Vec<Vec3>,
+    points: Shape,
+}
+
+impl MovingPart {
+    fn new(part: ToolPart, joint: Joint, cuts: bool) -> Self {
+        let points = Shape::of_points(part.spine().len());
+        Self { part, joint, cuts, ways: Vec::new(), middle: Vec::new(), points }
+    }
+
+    fn motion(&self, pose: &InstrumentPose, angles_rad: [f32; 2], dt_s: f32) -> Motion {
+        Motion { from: pose.before * self.joint.at(angles_rad[0]), to: pose.now * self.joint.at(angles_rad[1]), dt_s }
+    }
 }
 
 /// Solid anatomy with its tree.
@@ -80,8 +111,12 @@ fn adopt_changes(
     for TopologyChanged { organ, delta } in changes.read() {
         work.fresh.adopt(*organ, delta);
         if let Ok((mesh, mut known)) = organs.get_mut(*organ) {
-            known.shape.update(&mesh.0, delta);
-            known.cut = true;
+            let OrganShape { shape, cut, folds } = &mut *known;
+            let touched = shape.update(&mesh.0, delta);
+            if let Some(folds) = folds {
+                folds.update(&mesh.0, shape, delta, &touched);
+            }
+            *cut = true;
         }
     }
 }
@@ -94,10 +129,11 @@ fn prepare(
     surfaces: Query<(Entity, &StaticSurface), Without<Seen>>,
 ) {
     for (organ, mesh, cut) in &organs {
-        commands.entity(organ).insert(OrganShape { shape: Shape::of(&mesh.0), cut });
+        commands.entity(organ).insert(OrganShape { shape: Shape::of(&mesh.0), cut, folds: None });
     }
     for (tool, instrument, model, jaws) in &tools {
-        commands.entity(tool).insert(ToolParts { parts: tool_parts(instrument, model), angle_rad: jaws.angle_rad });
+        let parts = ToolParts { parts: tool_parts(instrument, model), angle_rad: jaws.angle_rad };
+        commands.entity(tool).insert((parts, ToolContacts::default()));
     }
     for (entity, surface) in &surfaces {
         commands.entity(entity).insert(Seen);
@@ -117,20 +153,16 @@ fn tool_parts(instrument: &Instrument, model: &ToolModel) -> Vec<MovingPart> {
     let ahead = model.parts.iter().filter_map(|p| {
         let points: Vec<Vec3> = p.mesh.vertices.iter().map(|v| Vec3::from_array(*v)).collect();
         // What lies along the shaft is in its capsule.
-        points.iter().any(|v| v.z < 0.0).then(|| ToolPart::hull(&points)).flatten().map(|part| MovingPart {
-            part,
-            joint: p.joint,
-            cuts: true,
-        })
+        points.iter().any(|v| v.z < 0.0).then(|| ToolPart::hull(&points)).flatten().map(|part| MovingPart::new(part, p.joint, true))
     });
-    std::iter::once(MovingPart { part: shaft, joint: Joint::Fixed, cuts: false }).chain(ahead).collect()
+    std::iter::once(MovingPart::new(shaft, Joint::Fixed, false)).chain(ahead).collect()
 }
 
 fn find_contacts(
     time: Res<Time<Fixed>>,
     settings: Res<CollisionSettings>,
     mut work: ResMut<Workspace>,
-    mut organs: Query<(Entity, &TissueMesh, &TissueState, &OrganShape, &mut Contacts, Option<&SurfaceFriction>)>,
+    mut organs: Query<(Entity, &TissueMesh, &TissueState, &mut OrganShape, &mut Contacts, Option<&SurfaceFriction>)>,
     mut tools: Query<(Entity, &InstrumentPose, &Jaws, &mut ToolParts, Option<&Blade>, Has<CuttingLine>, Option<&SurfaceFriction>)>,
     anatomy: Query<(Entity, &SolidAnatomy, Option<&SurfaceFriction>)>,
 ) {
@@ -140,55 +172,143 @@ fn find_contacts(
     ordered.sort_unstable_by_key(|o| o.0);
     let mut parties = Vec::with_capacity(ordered.len());
     let mut contacts: Vec<&mut Vec<Contact>> = Vec::with_capacity(ordered.len());
+    hits.clear();
     for (organ, mesh, state, known, list, friction) in &mut ordered {
         list.0.clear();
         // An organ whose state has not caught up with its mesh touches nothing.
         if state.positions.len().min(state.velocities.len()) < known.shape.roles().len() {
             continue;
         }
-        let self_collision = match settings.self_collision {
-            SelfCollision::OnceCut => known.cut,
+        let OrganShape { shape, cut, folds } = &mut **known;
+        let meets_itself = match settings.self_collision {
+            SelfCollision::OnceCut => *cut,
             SelfCollision::Always => true,
             SelfCollision::Never => false,
         };
+        if meets_itself {
+            let folds = folds.get_or_insert_with(|| Folds::of(&mesh.0, shape));
+            hits.extend_from_slice(folds.detect(shape, &state.positions, parties.len() as u16));
+        }
         parties.push(Party {
             organ: *organ,
             topology: mesh.0.topology(),
-            shape: &known.shape,
+            shape,
             positions: &state.positions,
             velocities: &state.velocities,
             friction: friction.map_or(settings.tissue_friction, |f| f.0),
-            self_collision,
         });
         contacts.push(&mut list.0);
     }
-    let bodies: Vec<Body> = parties.iter().map(Party::body).collect();
-    hits.clear();
+    let mut tools: Vec<_> = tools.iter_mut().collect();
+    tools.sort_unstable_by_key(|t| t.0);
+    let mut moving = Vec::new();
+    for (entity, pose, jaws, tool, blade, has_edge, friction) in &mut tools {
+        let cutting = *has_edge && blade.is_some_and(|b| b.active);
+        let friction = friction.map_or(settings.instrument_friction, |f| f.0);
+        let angles = [tool.angle_rad, jaws.angle_rad];
+        for part in tool.parts.iter_mut().filter(|p| !(p.cuts && cutting)) {
+            let motion = part.motion(pose, angles, dt_s);
+            let MovingPart { part, middle, points, ways, .. } = part;
+            middle.clear();
+            middle.extend(part.spine().iter().map(|p| motion.from * *p));
+            moving.push((*entity, &*part, motion, friction, ways, Body { shape: points, positions: middle, self_collision: false }));
+        }
+    }
+    // The middles of tools are looked for in tissue like the nodes of other organs.
+    let organs = parties.len();
+    let bodies: Vec<Body> = parties.iter().map(Party::body).chain(moving.iter().map(|m| m.5)).collect();
     hits.extend_from_slice(detector.detect(&bodies, settings.grading));
+    hits.sort_unstable_by_key(Hit::key);
+    let within = hits.split_off(hits.partition_point(|h| usize::from(h.node_body) < organs));
     let held = exempt(hits, &parties, fresh);
     part(fresh, &parties, &held);
     between_tissue(hits, &parties, depths, &mut contacts);
 
     let mut solid: Vec<_> = anatomy.iter().collect();
     solid.sort_unstable_by_key(|s| s.0);
-    let mut tools: Vec<_> = tools.iter_mut().collect();
-    tools.sort_unstable_by_key(|t| t.0);
     for (party, list) in parties.iter().zip(&mut contacts) {
         for (entity, surface, friction) in &solid {
             let friction = friction.map_or(settings.anatomy_friction, |f| f.0);
             with_anatomy(party, (*entity, &surface.0), friction, settings.anatomy_reach_m, dt_s, list);
         }
-        for (entity, pose, jaws, tool, blade, has_edge, friction) in &tools {
-            let cutting = *has_edge && blade.is_some_and(|b| b.active);
-            let friction = friction.map_or(settings.instrument_friction, |f| f.0);
-            for moving in tool.parts.iter().filter(|p| !(p.cuts && cutting)) {
-                let from = pose.before * moving.joint.at(tool.angle_rad);
-                let motion = Motion { from, to: pose.now * moving.joint.at(jaws.angle_rad), dt_s };
-                with_tool(party, (*entity, &moving.part, &motion), friction, settings.tool_near_m, list);
+        for (entity, part, motion, friction, ..) in &moving {
+            with_tool(party, (*entity, part, motion), *friction, settings.tool_near_m, list);
+        }
+    }
+    for (at, (entity, part, motion, friction, ways, _)) in moving.iter_mut().enumerate() {
+        let own = |h: &Hit| usize::from(h.node_body) == organs + at;
+        let mine = &within[within.partition_point(|h| usize::from(h.node_body) < organs + at)..];
+        let mine = &mine[..mine.partition_point(own)];
+        let before = std::mem::take(*ways);
+        for hits in mine.chunk_by(|a, b| a.tet_body == b.tet_body) {
+            let place = usize::from(hits[0].tet_body);
+            let party = &parties[place];
+            let mut way = before.iter().find(|(organ, _)| *organ == party.organ).map(|(_, way)| *way);
+            with_tool_within(party, (*entity, part, motion), hits, *friction, &mut way, contacts[place]);
+            ways.extend(way.map(|way| (party.organ, way)));
+        }
+    }
+}
+
+/// Instruments against each other and against anatomy.
+fn find_tool_contacts(
+    time: Res<Time<Fixed>>,
+    settings: Res<CollisionSettings>,
+    mut tools: Query<(Entity, &InstrumentPose, &Jaws, &ToolParts, &mut ToolContacts)>,
+    anatomy: Query<(Entity, &SolidAnatomy)>,
+    mut touched: MessageWriter<ToolTouched>,
+) {
+    let dt_s = time.timestep().as_secs_f32();
+    let mut solid: Vec<_> = anatomy.iter().collect();
+    solid.sort_unstable_by_key(|s| s.0);
+    let mut tools: Vec<_> = tools.iter_mut().collect();
+    tools.sort_unstable_by_key(|t| t.0);
+    let moving: Vec<Vec<(&ToolPart, Motion)>> = tools
+        .iter()
+        .map(|(_, pose, jaws, tool, _)| {
+            tool.parts.iter().map(|p| (&p.part, p.motion(pose, [tool.angle_rad, jaws.angle_rad], dt_s))).collect()
+        })
+        .collect();
+    let way_m = |part: &(&ToolPart, Motion)| part.1.way_m(part.0.reach_m());
+    let mut near: Vec<Vec<ToolTouch>> = vec![Vec::new(); tools.len()];
+    let touch = |m: Meeting, against| ToolTouch { point: m.point, normal: m.normal, depth_m: m.depth_m, against };
+    for (i, parts) in moving.iter().enumerate() {
+        for part in parts {
+            let margin_m = settings.tool_margin_m + way_m(part);
+            for (entity, surface) in &solid {
+                let met = part_against_surface(part.0, &part.1, &surface.0, margin_m, settings.anatomy_reach_m);
+                near[i].extend(met.into_iter().map(|m| touch(m, Obstacle::Anatomy(*entity))));
+            }
+            for (j, others) in moving.iter().enumerate().skip(i + 1) {
+                for other in others {
+                    let met = part_against_part((part.0, &part.1), (other.0, &other.1), margin_m + way_m(other));
+                    near[i].extend(met.map(|m| touch(m, Obstacle::Instrument(tools[j].0))));
+                    near[j].extend(met.map(|m| touch(m.mirrored(), Obstacle::Instrument(tools[i].0))));
+                }
             }
         }
     }
-    for (_, _, jaws, tool, ..) in &mut tools {
+    for ((instrument, .., contacts), near) in tools.iter_mut().zip(near) {
+        let before = std::mem::take(&mut contacts.touching);
+        // A touch begins where surfaces meet, and is over once they are apart: one that stops at a wall does not begin again and again.
+        let touches = |t: &&ToolTouch| {
+            let known = t.against.entity().is_some_and(|e| before.binary_search(&e).is_ok());
+            t.depth_m > if known { -settings.tool_near_m } else { -TOUCHES * settings.tool_near_m }
+        };
+        let mut touching: Vec<Entity> = near.iter().filter(touches).filter_map(|t| t.against.entity()).collect();
+        touching.sort_unstable();
+        touching.dedup();
+        for against in touching.iter().filter(|e| before.binary_search(e).is_err()) {
+            contacts.begun += 1;
+            touched.write(ToolTouched { instrument: *instrument, against: *against });
+        }
+        (contacts.near, contacts.touching) = (near, touching);
+    }
+}
+
+/// The jaws as they are at the end of this tick are those at the beginning of the next.
+fn keep_jaws(mut tools: Query<(&Jaws, &mut ToolParts)>) {
+    for (jaws, mut tool) in &mut tools {
         tool.angle_rad = jaws.angle_rad;
     }
 }

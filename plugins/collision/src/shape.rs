@@ -43,8 +43,14 @@ impl Shape {
         Self { corners, open_faces, roles }
     }
 
-    /// Carries the shape over `delta`; `mesh` is the mesh after it.
-    pub fn update(&mut self, mesh: &TetMesh, delta: &TopologyDelta) {
+    /// So many points without any tetrahedron: things to be looked for in those of others.
+    #[must_use]
+    pub fn of_points(count: usize) -> Self {
+        Self { corners: Vec::new(), open_faces: Vec::new(), roles: vec![Role::Surface; count] }
+    }
+
+    /// Carries the shape over `delta`; `mesh` is the mesh after it. Returns the nodes around which anything has changed, ascending.
+    pub fn update(&mut self, mesh: &TetMesh, delta: &TopologyDelta) -> Vec<NodeId> {
         self.corners.resize(mesh.tet_slots(), VACANT);
         self.open_faces.resize(mesh.tet_slots(), 0);
         self.roles.resize(mesh.node_slots(), Role::Unused);
@@ -65,12 +71,13 @@ impl Shape {
         }));
         touched.sort_unstable();
         touched.dedup();
-        for node in touched {
-            self.roles[node.index()] = role(mesh, node);
-            for tet in mesh.topology().around_node(node) {
+        for node in &touched {
+            self.roles[node.index()] = role(mesh, *node);
+            for tet in mesh.topology().around_node(*node) {
                 self.open_faces[tet.index()] = faces_on_boundary(mesh, *tet);
             }
         }
+        touched
     }
 
     /// The corners of the tetrahedra by slot; an unused slot has four corners that no node has.

@@ -1,23 +1,26 @@
-//! Instruments against the surface of tissue: convex parts that move rigidly over a tick, each against the triangles of the surface.
-//!
-//! Nodes alone would let a shaft slip between them, and a look at the end of the tick would let a fast one pass a flap unseen. A part that is near a
-//! triangle when the tick begins touches it there; a further one is swept, turning as it goes, and touches it where and when it arrives. What comes
-//! of either is the plane that the part pushes before it.
+//! Rigid, convex parts of instruments: their shapes, how they move over a tick, and the line through the middle of each.
 
-use crate::convert::{from_parry, pose_to_parry, to_parry};
-use bevy_math::{Isometry3d, Vec3};
+use crate::convert::{MM, direction_from_parry, from_parry, pose_to_parry, to_parry};
+use bevy_math::{Isometry3d, Quat, Vec3};
 use parry3d::bounding_volume::BoundingVolume;
 use parry3d::math::Pose;
-use parry3d::query::{NonlinearRigidMotion, cast_shapes_nonlinear, contact};
-use parry3d::shape::{SharedShape, Triangle};
+use parry3d::query::{contact, distance};
+use parry3d::shape::{Shape, SharedShape};
 
-/// Least cosine between the way that a part pushes and the way into the tissue through a triangle: 84 degrees.
-const FACING: f32 = 0.1;
+/// Most points along the middle of a part.
+const SPINE: usize = 128;
+
+/// Powers of a covariance after which the longest of three axes stands out.
+const POWERS: usize = 32;
 
 /// A convex part of an instrument, in a frame of its own.
 #[derive(Clone)]
 pub struct ToolPart {
-    shape: SharedShape,
+    /// What the part is but for its skin: of a round bar the line in its middle, so that what is near or a little inside still has a clear direction.
+    core: SharedShape,
+    skin_m: f32,
+    spine: Vec<Vec3>,
+    radius_m: f32,
 }
 
 /// Where a part is at the beginning and at the end of a tick.
@@ -31,33 +34,82 @@ pub struct Motion {
     pub dt_s: f32,
 }
 
-/// A part and a triangle of tissue that touch during a tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Touch {
-    /// Weights of the triangle's corners at the point that is touched; they sum to one.
-    pub weights: [f32; 3],
-    /// Unit vector from the part to the tissue.
-    pub normal: Vec3,
-    /// How far the tissue's point is behind the part's surface when the tick begins, m; negative while it is not yet touched.
-    pub depth_m: f32,
-    /// The part's point when the tick begins, m.
-    pub surface_m: Vec3,
-    /// Its mean velocity over the tick, m/s.
-    pub velocity_m_s: Vec3,
+impl Motion {
+    /// No motion.
+    #[must_use]
+    pub fn still(at: Isometry3d, dt_s: f32) -> Self {
+        Self { from: at, to: at, dt_s }
+    }
+
+    /// The pose at a part of the tick, 0 to 1: the origin goes straight, the frame turns evenly about it.
+    #[must_use]
+    pub fn at(&self, part: f32) -> Isometry3d {
+        let turn = (self.to.rotation * self.from.rotation.inverse()).to_scaled_axis();
+        let rotation = Quat::from_scaled_axis(part * turn) * self.from.rotation;
+        Isometry3d::new(self.from.translation + (self.to.translation - self.from.translation) * part, rotation)
+    }
+
+    pub(crate) fn pose(&self, part: f32) -> Pose {
+        pose_to_parry(self.at(part))
+    }
+
+    /// The furthest that a point not further than `reach_m` from the frame's origin goes in a tick, or further, m.
+    #[must_use]
+    pub fn way_m(&self, reach_m: f32) -> f32 {
+        Vec3::from(self.to.translation - self.from.translation).length() + reach_m * self.from.rotation.angle_between(self.to.rotation)
+    }
+
+    /// How a point of the world that goes with the frame moves, from where it is when the tick begins, m/s.
+    #[must_use]
+    pub fn velocity_of(&self, begin: Vec3) -> Vec3 {
+        (self.to * (self.from.inverse() * begin) - begin) / self.dt_s
+    }
 }
 
 impl ToolPart {
     /// A round bar between two points (m).
     #[must_use]
     pub fn capsule(a: Vec3, b: Vec3, radius_m: f32) -> Self {
-        Self { shape: SharedShape::capsule(to_parry(a), to_parry(b), radius_m) }
+        Self { core: SharedShape::segment(to_parry(a), to_parry(b)), skin_m: radius_m, spine: line(a, b, radius_m), radius_m }
     }
 
     /// The convex hull of points (m); `None` where they have none: fewer than four, or all in a plane.
     #[must_use]
     pub fn hull(points: &[Vec3]) -> Option<Self> {
+        let middle = points.iter().sum::<Vec3>() / points.len() as f32;
+        let farthest = |measure: &dyn Fn(Vec3) -> f32| points.iter().copied().max_by(|a, b| measure(*a).total_cmp(&measure(*b)));
+        // The axis along which they are spread most: powers of their covariance.
+        let mut along = farthest(&|p| p.distance_squared(middle))? - middle;
+        for _ in 0..POWERS {
+            along = points.iter().map(|p| (*p - middle) * (*p - middle).dot(along)).sum::<Vec3>().try_normalize()?;
+        }
+        let broad = farthest(&|p| (p - middle).reject_from_normalized(along).length_squared())?;
+        let broad = (broad - middle).reject_from_normalized(along).try_normalize()?;
+        let extent = |way: Vec3| {
+            let all = points.iter().map(|p| (*p - middle).dot(way));
+            all.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+        };
+        // Half as thick as the part is where it is thinnest.
+        let across = [broad, along.cross(broad)].map(extent);
+        let radius_m = across.iter().map(|(low, high)| 0.5 * (high - low)).fold(f32::INFINITY, f32::min);
+        let centre = middle + 0.5 * ((across[0].0 + across[0].1) * broad + (across[1].0 + across[1].1) * along.cross(broad));
+        let (low, high) = extent(along);
+        let ends = [low + radius_m, high - radius_m].map(|s| if high - low > 2.0 * radius_m { s } else { 0.5 * (low + high) });
         let points: Vec<_> = points.iter().map(|p| to_parry(*p)).collect();
-        SharedShape::convex_hull(&points).map(|shape| Self { shape })
+        let core = SharedShape::convex_hull(&points)?;
+        Some(Self { core, skin_m: 0.0, spine: line(centre + ends[0] * along, centre + ends[1] * along, radius_m), radius_m })
+    }
+
+    /// Points along its middle, not further from each other than half of its thickness unless it is very long, m.
+    #[must_use]
+    pub fn spine(&self) -> &[Vec3] {
+        &self.spine
+    }
+
+    /// From the spine to its surface where it is thinnest, m.
+    #[must_use]
+    pub fn radius_m(&self) -> f32 {
+        self.radius_m
     }
 
     /// A box around all places where the part is during a tick, larger by `margin_m` all round: its lowest and highest corner, m.
@@ -68,66 +120,65 @@ impl ToolPart {
         let turn = motion.from.rotation.angle_between(motion.to.rotation);
         let reach = self.reach_m();
         let bulge = reach * (1.0 - (0.5 * turn).cos());
-        let swept = self.shape.compute_aabb(&from).merged(&self.shape.compute_aabb(&to)).loosened(margin_m + bulge);
+        let swept = self.core.compute_aabb(&from).merged(&self.core.compute_aabb(&to)).loosened((margin_m + self.skin_m + bulge) * MM);
         (from_parry(swept.mins), from_parry(swept.maxs))
     }
 
-    /// Where the part touches a triangle of tissue (m, counter-clockwise from outside) that is taken to be at rest. A part within `near_m` of it when the
-    /// tick begins touches it from where it is.
-    #[must_use]
-    pub fn touch(&self, motion: &Motion, triangle: [Vec3; 3], near_m: f32) -> Option<Touch> {
-        let outward = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).try_normalize()?;
-        let shape = Triangle::from(triangle.map(to_parry));
-        let (from, to) = (pose_to_parry(motion.from), pose_to_parry(motion.to));
-        let rest = Pose::default();
-        let near = contact(&from, &*self.shape, &rest, &shape, near_m).ok().flatten();
-        let (local, normal, touched) = match near {
-            Some(near) => (from.inverse_transform_point(near.point1), from_parry(near.normal1), from_parry(near.point2)),
-            None => {
-                let turn = motion.to.rotation * motion.from.rotation.inverse();
-                let moving = NonlinearRigidMotion {
-                    start: from,
-                    local_center: to_parry(Vec3::ZERO),
-                    linvel: to_parry((motion.to.translation - motion.from.translation).into()),
-                    angvel: to_parry(turn.to_scaled_axis()),
-                };
-                let still = NonlinearRigidMotion { angvel: to_parry(Vec3::ZERO), linvel: to_parry(Vec3::ZERO), start: rest, ..moving };
-                let hit = cast_shapes_nonlinear(&moving, &*self.shape, &still, &shape, 0.0, 1.0, true).ok().flatten()?;
-                let then = moving.position_at_time(hit.time_of_impact);
-                (hit.witness1, from_parry(then.transform_vector(hit.normal1)), from_parry(hit.witness2))
-            }
-        };
-        // A part behind a triangle, on its way out of the tissue, does not push it; of one that it grazes the neighbours tell better.
-        if normal.dot(outward) > -FACING || !touched.is_finite() {
-            return None;
-        }
-        let (begin, end) = (from_parry(from.transform_point(local)), from_parry(to.transform_point(local)));
-        Some(Touch {
-            weights: weights_in(triangle, touched)?,
-            normal,
-            depth_m: (begin - touched).dot(normal),
-            surface_m: begin,
-            velocity_m_s: (end - begin) / motion.dt_s,
-        })
-    }
-
     /// The furthest that any of the part's points is from the frame's origin, or further, m.
-    fn reach_m(&self) -> f32 {
-        let local = self.shape.compute_local_aabb();
-        from_parry(local.mins).abs().max(from_parry(local.maxs).abs()).length()
+    #[must_use]
+    pub fn reach_m(&self) -> f32 {
+        let local = self.core.compute_local_aabb();
+        from_parry(local.mins).abs().max(from_parry(local.maxs).abs()).length() + self.skin_m
     }
 }
 
-/// The weights of a triangle's corners at a point of it, none negative. `None` of a triangle without area.
-fn weights_in([a, b, c]: [Vec3; 3], point: Vec3) -> Option<[f32; 3]> {
-    let (u, v, p) = (b - a, c - a, point - a);
-    let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
-    let inverse = (uu * vv - uv * uv).recip();
-    if !inverse.is_finite() {
-        return None;
+/// Two points at which convex things are nearest, or deepest in each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Facing {
+    /// On the first, m.
+    pub(crate) first: Vec3,
+    /// On the second, m.
+    pub(crate) second: Vec3,
+    /// Unit vector from the first to the second.
+    pub(crate) normal: Vec3,
+}
+
+/// Something convex with a skin of even thickness.
+#[derive(Clone, Copy)]
+pub(crate) struct Skinned<'a> {
+    pub(crate) core: &'a dyn Shape,
+    pub(crate) skin_m: f32,
+}
+
+impl ToolPart {
+    pub(crate) fn skinned(&self) -> Skinned<'_> {
+        Skinned { core: &*self.core, skin_m: self.skin_m }
     }
-    let w = [(vv * p.dot(u) - uv * p.dot(v)) * inverse, (uu * p.dot(v) - uv * p.dot(u)) * inverse];
-    let clipped = [1.0 - w[0] - w[1], w[0], w[1]].map(|w| w.max(0.0));
-    let sum: f32 = clipped.iter().sum();
-    (sum > 0.0).then(|| clipped.map(|w| w / sum))
+}
+
+impl<'a> Skinned<'a> {
+    /// Without a skin.
+    pub(crate) fn bare(core: &'a dyn Shape) -> Self {
+        Self { core, skin_m: 0.0 }
+    }
+
+    /// The distance between two things, m; zero or less where their skins meet. `None` where it cannot be told.
+    pub(crate) fn distance_m(self, at: &Pose, other: Self, other_at: &Pose) -> Option<f32> {
+        let cores = distance(at, self.core, other_at, other.core).ok()?.distance / MM;
+        Some(cores - self.skin_m - other.skin_m)
+    }
+
+    /// Where two things are nearest, if they are not further apart than `within_m`.
+    pub(crate) fn facing(self, at: &Pose, other: Self, other_at: &Pose, within_m: f32) -> Option<Facing> {
+        let met = contact(at, self.core, other_at, other.core, (within_m + self.skin_m + other.skin_m) * MM).ok().flatten()?;
+        let (normal, first, second) = (direction_from_parry(met.normal1), from_parry(met.point1), from_parry(met.point2));
+        let found = Facing { first: first + self.skin_m * normal, second: second - other.skin_m * normal, normal };
+        (first + second + normal).is_finite().then_some(found)
+    }
+}
+
+/// Points from `a` to `b`, both included, not further apart than `step_m` while they are not more than [`SPINE`].
+fn line(a: Vec3, b: Vec3, step_m: f32) -> Vec<Vec3> {
+    let steps = (a.distance(b) / step_m).ceil().clamp(0.0, (SPINE - 1) as f32) as usize;
+    (0..=steps).map(|i| a.lerp(b, i as f32 / steps.max(1) as f32)).collect()
 }

@@ -8,17 +8,17 @@ use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
 use bevy_math::Vec3;
 use keyhole_whiteboard::{
-    Anchor, Attachment, Attachments, Grasp, InstrumentPose, JawPads, Jaws, SceneRequirements, TickSystems, TissueMesh, TissueState,
+    Anchor, Attachment, Attachments, GestureSystems, Grasp, InstrumentPose, JawPads, Jaws, SceneRequirements, TissueMesh, TissueState,
 };
 
-/// Jaws with pads hold tissue, in [`TickSystems::Gesture`].
+/// Jaws with pads hold tissue, in [`GestureSystems::Grasp`].
 pub struct GraspingPlugin;
 
 impl Plugin for GraspingPlugin {
     fn build(&self, app: &mut App) {
         app.init_resource::<GraspSettings>()
             .register_required_components::<JawPads, Grip>()
-            .add_systems(FixedUpdate, grasp.in_set(TickSystems::Gesture).run_if(SceneRequirements::instruments));
+            .add_systems(FixedUpdate, grasp.in_set(GestureSystems::Grasp).run_if(SceneRequirements::instruments));
     }
 }
 

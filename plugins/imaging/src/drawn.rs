@@ -9,6 +9,7 @@ use crate::pipeline::{Prepared, prepare};
 use crate::surface::Surface;
 use crate::volume::LabelVolume;
 use glam::DVec3;
+use keyhole_tetmesh::{Boundary, TetMesh};
 
 /// Rounds of Taubin's smoothing: enough for the stairs of slices to go, too few for a vessel to get thinner.
 const SMOOTHING: usize = 8;
@@ -35,6 +36,23 @@ pub struct SurfaceReport {
     pub mask_ml: f64,
     /// Volume within the surface, ml.
     pub surface_ml: f64,
+}
+
+/// The closed surface of a volume mesh, for anatomy that can be touched: one triangle on each side of each edge.
+#[must_use]
+pub fn solid(mesh: &TetMesh) -> Surface {
+    let mut number: Vec<Option<u32>> = vec![None; mesh.node_slots()];
+    let mut nodes = Vec::new();
+    let triangles = Boundary::of(mesh).triangles.into_iter().map(|triangle| {
+        triangle.map(|n| {
+            *number[n.index()].get_or_insert_with(|| {
+                nodes.push(mesh.rest(n));
+                nodes.len() as u32 - 1
+            })
+        })
+    });
+    let triangles = triangles.collect();
+    Surface { nodes, triangles }
 }
 
 /// The surface of all labels together. A component at the border of the volume ends there with a flat face.

@@ -126,7 +126,7 @@ fn thresholds_find_bone_and_the_border_is_told() {
     let notes = pipeline::mesh(whole, &options, &mut |_| {}).unwrap().1.notes;
     assert!(notes.iter().any(|n| n.contains("first z")), "{notes:?}");
     let seg = folder.path().join(dicom_write::SEGMENTATION_FILE);
-    let body = input::read(&seg, &Selection::Labels(labels(&[("body", 11)]))).unwrap();
+    let body = input::read(&seg, &Selection::Labels(labels(&[("body", 12)]))).unwrap();
     let notes = pipeline::mesh(body, &options, &mut |_| {}).unwrap().1.notes;
     assert!(notes.iter().any(|n| n.contains("last z")), "a segment on every image is cut off: {notes:?}");
     let absent = dicom_seg::read_labels(&seg, &labels(&[("liver", 40)])).unwrap_err().to_string();

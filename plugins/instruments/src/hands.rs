@@ -1,9 +1,8 @@
-//! The trainee's hands on mouse and keyboard: what is gathered at frame rate, and what one tick makes of it.
+//! The trainee's hands on mouse and keyboard: what one tick makes of what was gathered at frame rate.
 
 use crate::kinematics::{TrocarLimits, TrocarState, move_handle};
 use bevy_ecs::prelude::*;
-use bevy_math::Vec2;
-use keyhole_whiteboard::Hand;
+use keyhole_whiteboard::HandInput;
 
 /// Every key and button of this room and what it does.
 pub const KEYS: &[(&str, &str)] = &[
@@ -46,96 +45,6 @@ impl Default for HandSettings {
     }
 }
 
-/// What the wheel and the mouse move.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Moved {
-    /// The active hand.
-    #[default]
-    Hand,
-    /// The endoscope; the wheel inserts.
-    Endoscope,
-    /// The endoscope; the wheel turns the scope about its shaft.
-    EndoscopeRoll,
-}
-
-/// Input gathered since the last tick, and what is held. The tick consumes the motion, so a frame that runs no tick loses none, and a
-/// frame that runs several gives it to the first.
-#[derive(Resource, Clone, Copy, Debug, PartialEq)]
-pub struct HandInput {
-    /// Which hand is moved.
-    pub active: Hand,
-    /// What the mouse moves now.
-    pub moved: Moved,
-    /// Motion of the mouse for the hand, counts; x to the right, y upwards.
-    pub hand_motion: Vec2,
-    /// Notches of the wheel for the hand, pushing positive.
-    pub hand_notches: f32,
-    /// Motion of the mouse for the endoscope, counts; x to the right, y upwards.
-    pub scope_motion: Vec2,
-    /// Notches that insert the endoscope.
-    pub scope_notches: f32,
-    /// Notches that turn the scope about its shaft.
-    pub scope_roll_notches: f32,
-    /// -1, 0 or 1: the keys of rolling that are held.
-    pub roll: f32,
-    /// Whether the active hand is squeezed.
-    pub squeezed: bool,
-}
-
-impl Default for HandInput {
-    fn default() -> Self {
-        Self {
-            active: Hand::Right,
-            moved: Moved::Hand,
-            hand_motion: Vec2::ZERO,
-            hand_notches: 0.0,
-            scope_motion: Vec2::ZERO,
-            scope_notches: 0.0,
-            scope_roll_notches: 0.0,
-            roll: 0.0,
-            squeezed: false,
-        }
-    }
-}
-
-impl HandInput {
-    /// Adds one frame of the mouse: `motion` in counts (x right, y up) and `notches` of the wheel.
-    pub fn gather(&mut self, motion: Vec2, notches: f32) {
-        match self.moved {
-            Moved::Hand => {
-                self.hand_motion += motion;
-                self.hand_notches += notches;
-            }
-            Moved::Endoscope => {
-                self.scope_motion += motion;
-                self.scope_notches += notches;
-            }
-            Moved::EndoscopeRoll => {
-                self.scope_motion += motion;
-                self.scope_roll_notches += notches;
-            }
-        }
-    }
-
-    /// Switches to the other hand; motion gathered for the old one is dropped.
-    pub fn switch_hand(&mut self) {
-        self.active = match self.active {
-            Hand::Left => Hand::Right,
-            Hand::Right => Hand::Left,
-        };
-        self.hand_motion = Vec2::ZERO;
-        self.hand_notches = 0.0;
-    }
-
-    /// Hands the gathered motion over: what was gathered becomes zero, what is held stays.
-    #[must_use]
-    pub fn take(&mut self) -> Self {
-        let taken = *self;
-        *self = Self { active: taken.active, moved: taken.moved, roll: taken.roll, squeezed: taken.squeezed, ..Self::default() };
-        taken
-    }
-}
-
 /// The active hand's instrument after one tick of `dt_s`.
 #[must_use]
 pub fn hand_tick(
@@ -171,18 +80,8 @@ pub fn scope_tick(state: TrocarState, input: &HandInput, settings: &HandSettings
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn gathered_motion_is_consumed_once_and_held_keys_stay() {
-        let mut input = HandInput::default();
-        input.gather(Vec2::new(3.0, -1.0), 1.0);
-        input.gather(Vec2::new(2.0, 0.0), 0.0);
-        input.squeezed = true;
-        let first = input.take();
-        assert_eq!((first.hand_motion, first.hand_notches, first.squeezed), (Vec2::new(5.0, -1.0), 1.0, true));
-        let second = input.take();
-        assert_eq!((second.hand_motion, second.hand_notches, second.squeezed), (Vec2::ZERO, 0.0, true));
-    }
+    use bevy_math::Vec2;
+    use keyhole_whiteboard::Moved;
 
     #[test]
     fn the_endoscope_takes_the_mouse_while_its_key_is_held() {

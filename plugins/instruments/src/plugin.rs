@@ -1,21 +1,23 @@
 //! Glue: gathers the trainee's input at frame rate, and each tick moves every instrument and the endoscope.
 
 use crate::device::{DeviceClutch, device_tick};
-use crate::hands::{HandInput, HandSettings, KEYS, Moved, hand_tick, scope_tick};
+use crate::force::Felt;
+use crate::hands::{HandSettings, KEYS, hand_tick, scope_tick};
 use crate::kinematics::{PortFrame, TrocarLimits, TrocarState};
 use crate::line::{Controls, JawStroke, blade_now};
-use crate::script::{Script, ScriptClock};
+use crate::proxy::{Proxy, ProxySettings};
+use crate::script::Script;
 use crate::tools;
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
 use bevy_input::ButtonInput;
 use bevy_input::keyboard::KeyCode;
 use bevy_input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseButton, MouseScrollUnit};
-use bevy_math::Vec2;
+use bevy_math::{Vec2, Vec3};
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, CuttingLine, DeviceHands, Endoscope, Grasp, Hand, Instrument, InstrumentPose, Jaws, KeyMap, PointerClaims, Port,
-    SceneRequirements, SenseSystems, SimulationControl,
+    Blade, Contacts, CuttingLine, DeviceHands, Endoscope, Grasp, Hand, HandInput, Instrument, InstrumentPose, JawPads, Jaws, KeyMap, Moved,
+    PointerClaims, Port, SceneRequirements, ScriptClock, SenseSystems, SimulationControl, TickSystems, ToolContacts, ToolForce,
 };
 
 /// Pixels of a touchpad's scroll that count as one notch of a wheel.
@@ -29,10 +31,13 @@ impl Plugin for InstrumentsPlugin {
     fn build(&self, app: &mut App) {
         app.init_resource::<HandInput>()
             .init_resource::<HandSettings>()
+            .init_resource::<ProxySettings>()
             .init_resource::<Script>()
             .init_resource::<ScriptClock>()
             .register_required_components::<TrocarState, TrocarLimits>()
             .register_required_components::<Instrument, DeviceClutch>()
+            .register_required_components::<Instrument, Proxy>()
+            .register_required_components::<Instrument, ToolForce>()
             .register_required_components::<CuttingLine, JawStroke>()
             .add_observer(equip)
             .add_systems(RunFixedMainLoop, gather_input.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop))
@@ -47,7 +52,8 @@ impl Plugin for InstrumentsPlugin {
                     .chain()
                     .in_set(SenseSystems::Hands)
                     .run_if(SceneRequirements::instruments),
-            );
+            )
+            .add_systems(FixedUpdate, sum_forces.in_set(TickSystems::Assess).run_if(SceneRequirements::instruments));
         app.world_mut().get_resource_or_init::<KeyMap>().push_all(KEYS);
     }
 }
@@ -192,14 +198,22 @@ fn move_endoscope(
 
 type Cuts<'a> = (&'a CuttingLine, &'a mut JawStroke, &'a mut Blade);
 
-type Published<'a> =
-    (&'a Instrument, &'a Port, Ref<'a, TrocarState>, Option<&'a Grasp>, &'a mut InstrumentPose, &'a mut Jaws, Option<Cuts<'a>>);
+type Held<'a> = (&'a mut Proxy, Option<&'a ToolContacts>, Option<&'a Grasp>);
 
-fn publish_instruments(mut instruments: Query<Published>) {
-    for (instrument, port, state, grasp, mut pose, mut jaws, cuts) in &mut instruments {
-        let now = PortFrame::of(port).pose(&state);
+type Published<'a> = (&'a Instrument, &'a Port, Ref<'a, TrocarState>, Held<'a>, &'a mut InstrumentPose, &'a mut Jaws, Option<Cuts<'a>>);
+
+fn publish_instruments(mut instruments: Query<Published>, settings: Res<ProxySettings>, time: Res<Time<Fixed>>) {
+    for (instrument, port, state, (mut proxy, contacts, grasp), mut pose, mut jaws, cuts) in &mut instruments {
         // An instrument that has just come has not moved here from anywhere, and its jaws stand as they are.
         let came = state.is_added();
+        if came {
+            *proxy = Proxy::default();
+        }
+        let reach = tools::working_reach(instrument.kind, cuts.as_ref().map(|c| c.0));
+        let near = contacts.map_or(&[][..], |c| &c.near);
+        let frame = PortFrame::of(port);
+        let held = proxy.follow(&frame, *state, near, reach, instrument.shaft_radius_m, &settings, time.timestep().as_secs_f32());
+        let now = frame.pose(&held);
         // Tissue between the jaws stops them.
         let stop_rad = grasp.map_or(0.0, |g| g.least_angle_rad);
         let now_rad = ((1.0 - state.grip) * tools::widest_angle_rad(instrument.kind)).max(stop_rad);
@@ -210,6 +224,41 @@ fn publish_instruments(mut instruments: Query<Published>) {
         }
         *pose = InstrumentPose { now, before: if came { now } else { pose.now } };
         jaws.angle_rad = now_rad;
+    }
+}
+
+type Felts<'a> = (
+    Entity,
+    &'a Instrument,
+    &'a Port,
+    &'a InstrumentPose,
+    &'a Proxy,
+    Option<(&'a Grasp, &'a JawPads)>,
+    Option<&'a CuttingLine>,
+    &'a mut ToolForce,
+);
+
+/// What tissue has done to each instrument in this tick, and what holds it off the hand.
+fn sum_forces(mut instruments: Query<Felts>, organs: Query<(Entity, &Contacts)>, settings: Res<ProxySettings>) {
+    let mut organs: Vec<_> = organs.iter().collect();
+    organs.sort_unstable_by_key(|o| o.0);
+    for (entity, instrument, port, pose, proxy, grasp, line, mut force) in &mut instruments {
+        let mut felt = Felt::default();
+        for (_, contacts) in &organs {
+            let (force_n, torque_n_m) = contacts.wrench_on(entity, port.position);
+            felt.force_n += force_n;
+            felt.torque_n_m += torque_n_m;
+        }
+        if let Some((grasp, pads)) = grasp {
+            let middle = pose.now * Vec3::new(0.0, 0.0, -0.5 * (pads.from_m + pads.to_m));
+            felt.add(grasp.pull_n, middle - port.position);
+        }
+        let reach = tools::working_reach(instrument.kind, line);
+        if let Some((force_n, at)) = proxy.coupling(&PortFrame::of(port), reach, &settings) {
+            felt.add(force_n, at - port.position);
+        }
+        let tip = pose.now * Vec3::new(0.0, 0.0, -reach);
+        force.set_if_neq(felt.on_a_line(port.position, tip, grasp.map_or(0.0, |(g, _)| g.pinch_n)));
     }
 }
 
@@ -228,7 +277,7 @@ mod tests {
     use crate::script::{HandKey, HandTrack, ViewKey};
     use bevy_math::{Isometry3d, Vec3};
     use bevy_time::{TimePlugin, TimeUpdateStrategy};
-    use keyhole_whiteboard::{InstrumentKind, WhiteboardPlugin};
+    use keyhole_whiteboard::{Contact, InstrumentKind, Obstacle, TissuePoint, ToolTouch, WhiteboardPlugin};
 
     const HZ: f64 = 60.0;
 
@@ -341,5 +390,62 @@ mod tests {
         let scope = app.world().get::<Endoscope>(scope).unwrap();
         let gaze = scope.pose.rotation * bevy_math::Quat::from_rotation_x(-scope.direction_of_view_rad) * Vec3::NEG_Z;
         assert!((Vec3::from(scope.pose.translation) + 0.06 * gaze).distance(tips[1]) < 1e-5);
+    }
+
+    fn contact(tool: Entity, surface_m: Vec3, force_n: Vec3) -> Contact {
+        Contact {
+            point: TissuePoint::new(),
+            normal: Vec3::Y,
+            depth_m: 0.0,
+            surface_m,
+            velocity_m_s: Vec3::ZERO,
+            friction: 0.0,
+            against: Obstacle::Instrument(tool),
+            force_n,
+        }
+    }
+
+    #[test]
+    fn what_tissue_and_grasp_do_is_felt_as_one_force() {
+        let (mut app, [right, left, _]) = theatre();
+        let (tip, port) = (Vec3::from(pose(&app, left).now.translation), app.world().get::<Port>(left).unwrap().position);
+        for (at, force) in [(tip, Vec3::Y), (tip + Vec3::X * 0.01, Vec3::new(1.0, 2.0, 0.0))] {
+            app.world_mut().spawn(Contacts(vec![contact(left, at, force), contact(right, at, Vec3::ZERO)]));
+        }
+        let grasp = Grasp { pinch_n: 3.0, pull_n: Vec3::new(0.0, 0.0, 5.0), ..Default::default() };
+        let pads = JawPads { from_m: 0.01, to_m: 0.02, half_width_m: 0.002, closed_gap_m: 0.0003 };
+        app.world_mut().entity_mut(left).insert((grasp, pads));
+        app.update();
+        let felt = *app.world().get::<ToolForce>(left).unwrap();
+        assert_eq!((felt.force_n, felt.grip_n), (Vec3::new(-1.0, -3.0, 5.0), 3.0));
+        let held = pose(&app, left).now * Vec3::new(0.0, 0.0, -0.015) - port;
+        let torque =
+            -(tip - port).cross(Vec3::Y) - (tip + Vec3::X * 0.01 - port).cross(Vec3::new(1.0, 2.0, 0.0)) + held.cross(5.0 * Vec3::Z);
+        // A single force has all of the torque but what twists about its own line.
+        let line = felt.force_n.normalize();
+        assert!(((felt.at - port).cross(felt.force_n) - torque.reject_from_normalized(line)).length() < 1e-5);
+        let other = *app.world().get::<ToolForce>(right).unwrap();
+        assert_eq!((other.force_n, other.grip_n), (Vec3::ZERO, 0.0));
+    }
+
+    #[test]
+    fn an_instrument_stops_before_what_it_was_against_and_the_hand_feels_it() {
+        let (mut app, [right, _, _]) = theatre();
+        let reach = tools::working_reach(InstrumentKind::Hook, tools::cutting_line(InstrumentKind::Hook).as_ref());
+        let tip = |app: &App| pose(app, right).now * Vec3::new(0.0, 0.0, -reach);
+        let (at, inward) = (tip(&app), app.world().get::<Port>(right).unwrap().inward);
+        let wall = app.world_mut().spawn_empty().id();
+        for _ in 0..30 {
+            app.world_mut().get_mut::<TrocarState>(right).unwrap().insertion_m += 0.001;
+            let point = tip(&app);
+            let depth_m = (point - at).dot(inward) - 0.004;
+            let touch = ToolTouch { point, normal: -inward, depth_m, against: Obstacle::Anatomy(wall) };
+            app.world_mut().entity_mut(right).insert(ToolContacts { near: vec![touch], ..Default::default() });
+            app.update();
+            assert!((tip(&app) - at).dot(inward) < 0.0041);
+        }
+        let felt = *app.world().get::<ToolForce>(right).unwrap();
+        // 26 mm at 500 N/m are more than the largest force.
+        assert!((felt.force_n + 3.3 * inward).length() < 0.05, "{felt:?}");
     }
 }

@@ -150,31 +150,6 @@ enum RowHand {
     Right,
 }
 
-/// Where the demonstration is. It advances by ticks while the demonstration runs, never by the wall clock.
-#[derive(Resource, Clone, Copy, Debug, Default, PartialEq)]
-pub struct ScriptClock {
-    /// Ticks performed.
-    pub ticks: u64,
-    /// Simulated time since the demonstration's start, s.
-    pub time_s: f64,
-    /// Time of the last keyframe, s.
-    pub end_s: f64,
-}
-
-impl ScriptClock {
-    /// Whether the last keyframe has been reached.
-    #[must_use]
-    pub fn finished(&self) -> bool {
-        self.time_s >= self.end_s
-    }
-
-    /// One tick of `dt_s` on.
-    pub fn advance(&mut self, dt_s: f64) {
-        self.ticks += 1;
-        self.time_s = self.ticks as f64 * dt_s;
-    }
-}
-
 fn check<K>(track: &str, keys: &[K], time: impl Fn(&K) -> f64, finite: impl Fn(&K) -> bool) -> Result<(), ScriptError> {
     for (index, key) in keys.iter().enumerate() {
         if !finite(key) || !time(key).is_finite() {

@@ -24,7 +24,7 @@ pub struct Scene {
     pub gravity: Triple,
     /// Soft organs, one at least.
     pub organs: Vec<SceneOrgan>,
-    /// Surfaces that are only seen. Default none.
+    /// Surfaces that cannot deform. Default none.
     #[serde(default)]
     pub anatomy: Vec<SceneAnatomy>,
     /// Trocars. Default none.
@@ -42,6 +42,9 @@ pub struct Scene {
     /// How tissue is stepped.
     #[serde(default)]
     pub tissue: SceneTissue,
+    /// What may touch what.
+    #[serde(default)]
+    pub collision: SceneCollision,
     /// What is performed when nobody is at the table. Default none.
     #[serde(default)]
     pub demonstration: Option<Demonstration>,
@@ -56,8 +59,12 @@ pub struct Scene {
 pub struct SceneOrgan {
     /// Name, unique among the organs.
     pub name: String,
-    /// Tetrahedral mesh in metres, a VTU file, relative to the scene's file.
-    pub mesh: String,
+    /// Tetrahedral mesh in metres, a VTU file, relative to the scene's file. Either this or `shape`.
+    #[serde(default)]
+    pub mesh: Option<String>,
+    /// A simple shape in place of a file. Default none.
+    #[serde(default)]
+    pub shape: Option<SceneSolid>,
     /// Materials; the mesh's material 0 is the first.
     pub materials: Vec<SceneMaterial>,
     /// Where it lies. It is baked into the rest positions when the organ is spawned; everything else in a scene is in the world.
@@ -66,6 +73,33 @@ pub struct SceneOrgan {
     /// What holds it. Default nothing: it falls.
     #[serde(default)]
     pub attachments: Vec<Hold>,
+    /// Coulomb's coefficient of its surface, 0 to 2; where two things touch it is the geometric mean of theirs. Default 0.1: moist.
+    #[serde(default)]
+    pub friction: Option<f32>,
+}
+
+/// A simple shape of tetrahedra, its middle at the origin. Its material is 0.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum SceneSolid {
+    /// A block along the axes.
+    Block {
+        /// Its sides, m; above 0.
+        size: Triple,
+        /// Cells along each side, 1 to 200; six tetrahedra a cell.
+        cells: [u32; 3],
+    },
+    /// A tube along Y; a short one is a ring.
+    Tube {
+        /// Its length, m; above 0.
+        length: f32,
+        /// Outer radius, m.
+        outer_radius: f32,
+        /// Radius of the hole, m; above 0 and below the outer one.
+        inner_radius: f32,
+        /// Cells along, around (3 at least) and through the wall, up to 200; six tetrahedra a cell.
+        cells: [u32; 3],
+    },
 }
 
 /// Elastic material and colours.
@@ -139,19 +173,53 @@ pub enum Region {
     },
 }
 
-/// A surface that is seen and cannot deform.
+/// A surface that is seen, cannot deform, and may be solid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneAnatomy {
     /// Name, unique among the anatomy.
     pub name: String,
-    /// glTF file (.glb or .gltf), relative to the scene's file.
-    pub path: String,
+    /// glTF file (.glb or .gltf), relative to the scene's file. Either this or `shape`.
+    #[serde(default)]
+    pub path: Option<String>,
+    /// A simple shape in place of a file. Default none.
+    #[serde(default)]
+    pub shape: Option<SceneSurface>,
     /// Linear RGB from 0 to 1.
     pub colour: Triple,
     /// Where it lies.
     #[serde(default)]
     pub transform: Placement,
+    /// Whether tissue and instruments touch it; otherwise it is only seen. A solid surface is closed, its triangles counter-clockwise as seen from where tissue
+    /// may be. Default no.
+    #[serde(default)]
+    pub solid: bool,
+    /// Coulomb's coefficient of a solid surface, 0 to 2. Default 0.2.
+    #[serde(default)]
+    pub friction: Option<f32>,
+}
+
+/// A simple surface, its middle at the origin.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum SceneSurface {
+    /// A box along the axes.
+    Box {
+        /// Its sides, m; above 0.
+        size: Triple,
+    },
+    /// A cylinder along Y.
+    Cylinder {
+        /// Its radius, m; above 0.
+        radius: f32,
+        /// Its height, m; above 0.
+        height: f32,
+    },
+    /// A ball.
+    Sphere {
+        /// Its radius, m; above 0.
+        radius: f32,
+    },
 }
 
 /// A trocar.
@@ -240,6 +308,9 @@ pub struct SceneInstrument {
     /// Radius of the shaft, m. Default 0.0025.
     #[serde(default = "default_shaft_radius")]
     pub shaft_radius_m: f32,
+    /// Coulomb's coefficient of its surface but for the pads of its jaws, 0 to 2. Default 0.2.
+    #[serde(default)]
+    pub friction: Option<f32>,
 }
 
 /// The endoscope.
@@ -304,6 +375,34 @@ pub struct SceneCut {
 impl Default for SceneCut {
     fn default() -> Self {
         Self { method: SceneCutMethod::Hybrid, hull: SceneCutPattern::Minimal, core: SceneCutPattern::Minimal, snap: 0.2 }
+    }
+}
+
+/// Which organs may touch themselves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SceneSelfCollision {
+    /// Those that have been cut, and fragments: flaps fold over.
+    #[default]
+    OnceCut,
+    /// All.
+    Always,
+    /// None.
+    Never,
+}
+
+/// What may touch what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SceneCollision {
+    /// Whether anything touches at all: without, tools pass through tissue unless they grasp or cut it. Default yes.
+    pub on: bool,
+    /// Which organs may touch themselves. Default OnceCut.
+    pub itself: SceneSelfCollision,
+}
+
+impl Default for SceneCollision {
+    fn default() -> Self {
+        Self { on: true, itself: SceneSelfCollision::OnceCut }
     }
 }
 

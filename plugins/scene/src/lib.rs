@@ -14,7 +14,9 @@ mod locate;
 pub mod place;
 mod rules;
 pub mod section;
+pub mod solid;
 pub mod starter;
+pub mod surface;
 
 pub use check::{Problem, check};
 pub use error::SceneError;

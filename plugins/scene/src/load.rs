@@ -26,8 +26,8 @@ pub fn load(path: &Path) -> Result<Scene, SceneError> {
     }
     let folder = path.parent().unwrap_or(Path::new(""));
     let join = |p: &mut String| *p = folder.join(p.as_str()).to_string_lossy().into_owned();
-    scene.organs.iter_mut().for_each(|o| join(&mut o.mesh));
-    scene.anatomy.iter_mut().for_each(|a| join(&mut a.path));
+    scene.organs.iter_mut().filter_map(|o| o.mesh.as_mut()).for_each(join);
+    scene.anatomy.iter_mut().filter_map(|a| a.path.as_mut()).for_each(join);
     Ok(scene)
 }
 

@@ -53,13 +53,17 @@ impl Region {
 }
 
 impl SceneOrgan {
-    /// Reads the mesh (as [`crate::load()`] left its path) and bakes the transform into its rest positions.
+    /// Reads the mesh (as [`crate::load()`] left its path) or makes the shape, and bakes the transform into its rest positions.
     ///
     /// # Errors
     /// [`SceneError::Mesh`] with the file and what is wrong with it.
     pub fn read_mesh(&self) -> Result<TetMesh, SceneError> {
-        let mesh = keyhole_tetmesh::vtu::read(Path::new(&self.mesh))
-            .map_err(|e| SceneError::Mesh { organ: self.name.clone(), what: e.to_string() })?;
+        let wrong = |what| SceneError::Mesh { organ: self.name.clone(), what };
+        let mesh = match (&self.mesh, &self.shape) {
+            (Some(file), None) => keyhole_tetmesh::vtu::read(Path::new(file)).map_err(|e| wrong(e.to_string()))?,
+            (None, Some(shape)) => shape.mesh(),
+            _ => return Err(wrong("give either `mesh` or `shape`".into())),
+        };
         Ok(self.placed(&mesh))
     }
 
@@ -206,7 +210,13 @@ impl Scene {
             tissue,
             cutting: tissue && self.instruments.iter().any(|i| i.kind.cuts()),
             instruments: !self.instruments.is_empty() || self.endoscope.is_some(),
-            collision: tissue && (!self.instruments.is_empty() || self.organs.len() > 1),
+            collision: self.collision.on
+                && tissue
+                && (!self.instruments.is_empty()
+                    || self.organs.len() > 1
+                    || self.anatomy.iter().any(|a| a.solid)
+                    || self.collision.itself == SceneSelfCollision::Always),
+            assessment: !self.instruments.is_empty() || self.endoscope.is_some(),
             ..SceneRequirements::default()
         }
     }
@@ -263,7 +273,9 @@ mod tests {
         let mesh = TetMesh::new(nodes, &[[0, 1, 2, 3]], &[]);
         let organ = SceneOrgan {
             name: "o".into(),
-            mesh: String::new(),
+            mesh: None,
+            shape: None,
+            friction: None,
             materials: Vec::new(),
             transform: Placement { translation: [0.0, 0.0, 1.0], ..Default::default() },
             attachments: vec![

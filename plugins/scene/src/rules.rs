@@ -2,6 +2,8 @@
 
 use crate::format::*;
 use crate::load::version_problem;
+use crate::surface;
+use keyhole_tetmesh::TetMesh;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -160,17 +162,68 @@ impl Rules {
                 self.positive(&format!("{path}.until_s"), until_s, " s since the scene started");
             }
         }
-        let file = folder.join(&organ.mesh);
-        if self.asset(&format!("{path}.mesh"), &file, &["vtu", "vtk"]) {
-            self.mesh(path, organ, &file);
+        self.friction(path, organ.friction);
+        match (&organ.mesh, &organ.shape) {
+            (Some(mesh), None) => {
+                let (path_of_mesh, file) = (format!("{path}.mesh"), folder.join(mesh));
+                if self.asset(&path_of_mesh, &file, &["vtu", "vtk"]) {
+                    match keyhole_tetmesh::vtu::read(&file) {
+                        Ok(mesh) => self.mesh(path, organ, &organ.placed(&mesh)),
+                        Err(e) => self.say(&path_of_mesh, e.to_string()),
+                    }
+                }
+            }
+            (None, Some(shape)) => {
+                if self.solid(&format!("{path}.shape"), shape) {
+                    self.mesh(path, organ, &organ.placed(&shape.mesh()));
+                }
+            }
+            (Some(_), Some(_)) => self.say(&format!("{path}.shape"), "there is a `mesh` as well: keep one of them"),
+            (None, None) => self.say(path, "it has neither `mesh` nor `shape`: give one of them"),
         }
     }
 
-    fn mesh(&mut self, path: &str, organ: &SceneOrgan, file: &Path) {
-        let mesh = match keyhole_tetmesh::vtu::read(file) {
-            Ok(mesh) => organ.placed(&mesh),
-            Err(e) => return self.say(&format!("{path}.mesh"), e.to_string()),
+    fn friction(&mut self, path: &str, friction: Option<f32>) {
+        if let Some(value) = friction {
+            self.range(&format!("{path}.friction"), value, 0.0, 2.0, " (Coulomb's coefficient)");
+        }
+    }
+
+    /// Whether the shape can be made.
+    fn solid(&mut self, path: &str, shape: &SceneSolid) -> bool {
+        let before = self.0.len();
+        let cells = match *shape {
+            SceneSolid::Block { size, cells } => {
+                for (k, side) in size.into_iter().enumerate() {
+                    self.positive(&format!("{path}.size[{k}]"), side, " m");
+                }
+                cells
+            }
+            SceneSolid::Tube { length, outer_radius, inner_radius, cells } => {
+                self.positive(&format!("{path}.length"), length, " m");
+                self.positive(&format!("{path}.inner_radius"), inner_radius, " m");
+                if self.finite(&format!("{path}.outer_radius"), &[outer_radius]) && outer_radius <= inner_radius {
+                    self.say(
+                        &format!("{path}.outer_radius"),
+                        "the hole is as wide as the tube: make `outer_radius` larger than `inner_radius`",
+                    );
+                }
+                if cells[1] < 3 {
+                    self.say(&format!("{path}.cells[1]"), format!("{} cells around are no ring: expected 3 to 200", cells[1]));
+                }
+                cells
+            }
         };
+        for (k, n) in cells.into_iter().enumerate().filter(|(_, n)| !(1..=200).contains(n)) {
+            self.say(&format!("{path}.cells[{k}]"), format!("{n} is out of range: expected 1 to 200"));
+        }
+        if cells.iter().map(|n| u64::from(*n)).product::<u64>() > 200_000 {
+            self.say(&format!("{path}.cells"), "more than 200 000 cells: fewer are enough, there are six tetrahedra in each");
+        }
+        self.0.len() == before
+    }
+
+    fn mesh(&mut self, path: &str, organ: &SceneOrgan, mesh: &TetMesh) {
         let needed = mesh.iter().map(|(t, _)| usize::from(mesh.tet(t).material.0) + 1).max().unwrap_or(0);
         if (1..needed).contains(&organ.materials.len()) {
             let message =
@@ -207,7 +260,40 @@ impl Rules {
     fn anatomy(&mut self, path: &str, anatomy: &SceneAnatomy, folder: &Path) {
         self.colour(&format!("{path}.colour"), anatomy.colour);
         self.placement(&format!("{path}.transform"), &anatomy.transform);
-        self.asset(&format!("{path}.path"), &folder.join(&anatomy.path), &["glb", "gltf"]);
+        self.friction(path, anatomy.friction);
+        match (&anatomy.path, &anatomy.shape) {
+            (Some(file), None) => {
+                let (path_of_file, file) = (format!("{path}.path"), folder.join(file));
+                if self.asset(&path_of_file, &file, &["glb", "gltf"]) {
+                    match surface::read(&file) {
+                        Ok(mesh) if anatomy.solid => {
+                            if let Err(open) = surface::solid(&mesh, &anatomy.transform) {
+                                self.say(&format!("{path}.solid"), open.to_string());
+                            }
+                        }
+                        Ok(_) => {}
+                        Err(error) => self.say(&path_of_file, error.to_string()),
+                    }
+                }
+            }
+            (None, Some(shape)) => {
+                let path = format!("{path}.shape");
+                match *shape {
+                    SceneSurface::Box { size } => {
+                        for (k, side) in size.into_iter().enumerate() {
+                            self.positive(&format!("{path}.size[{k}]"), side, " m");
+                        }
+                    }
+                    SceneSurface::Cylinder { radius, height } => {
+                        self.positive(&format!("{path}.radius"), radius, " m");
+                        self.positive(&format!("{path}.height"), height, " m");
+                    }
+                    SceneSurface::Sphere { radius } => self.positive(&format!("{path}.radius"), radius, " m"),
+                }
+            }
+            (Some(_), Some(_)) => self.say(&format!("{path}.shape"), "there is a `path` as well: keep one of them"),
+            (None, None) => self.say(path, "it has neither `path` nor `shape`: give one of them"),
+        }
     }
 
     fn instruments(&mut self, scene: &Scene) {
@@ -224,6 +310,7 @@ impl Rules {
             self.range(&format!("{path}.shaft_length_m"), tool.shaft_length_m, 0.05, 0.6, " m; instruments have about 0.33");
             self.range(&format!("{path}.shaft_radius_m"), tool.shaft_radius_m, 0.0005, 0.01, " m; 5 mm instruments have 0.0025");
             self.range(&format!("{path}.insertion_m"), tool.insertion_m, 0.01, 0.30, " m");
+            self.friction(&path, tool.friction);
             self.blade(&path, tool);
         }
         if let Some(scope) = &scene.endoscope {

@@ -273,7 +273,9 @@ fn text(plan: &Plan, name: &str) -> String {
         ),
     ],
 
-    // Surfaces that are only seen: (name: "bone", path: "bone.glb", colour: (0.8, 0.75, 0.6)),
+    // Surfaces that cannot deform, from a file or of a simple shape: Box(size), Cylinder(radius, height), Sphere(radius). What is solid can be touched.
+    // (name: "bone", path: "bone.glb", colour: (0.8, 0.75, 0.6)),
+    // (name: "table", shape: Box(size: (0.4, 0.02, 0.4)), colour: (0.2, 0.4, 0.5), transform: (translation: (0, -0.12, 0)), solid: true),
     anatomy: [],
 
     ports: [

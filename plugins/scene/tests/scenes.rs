@@ -55,7 +55,7 @@ fn the_starter_names_a_given_mesh_relative_to_itself() {
     keyhole_tetmesh::vtu::write(&mesh, &ellipsoid(), &[]).unwrap();
     let out = folder.path().join("scenes/o.scene.ron");
     new_scene(Some(&mesh), &out).unwrap();
-    assert_eq!(parse(&std::fs::read_to_string(&out).unwrap()).unwrap().organs[0].mesh, "../meshes/o.vtu");
+    assert_eq!(parse(&std::fs::read_to_string(&out).unwrap()).unwrap().organs[0].mesh.as_deref(), Some("../meshes/o.vtu"));
     assert_eq!(check(&out), []);
 }
 
@@ -192,4 +192,31 @@ proptest! {
         prop_assert!(problems.iter().all(|p| p.line >= 1 && p.line <= lines && p.column >= 1));
         prop_assert!(parse(&text).is_ok() || !problems.is_empty());
     }
+}
+
+#[test]
+fn the_authors_guide_names_every_field_and_value() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let guide = std::fs::read_to_string(root.join("../../docs/scenes.md")).unwrap();
+    let format = std::fs::read_to_string(root.join("src/format.rs")).unwrap();
+    let names = |line: &str| -> Option<String> {
+        let field = line.trim().strip_prefix("pub ").and_then(|l| l.split_once(':')).map(|(name, _)| name.to_owned());
+        let inside = line.starts_with("        ") && !line.trim().starts_with('/') && line.contains(": ");
+        let variant =
+            line.strip_prefix("    ").filter(|l| l.starts_with(char::is_uppercase)).map(|l| l.trim_end_matches([',', ' ', '{']).to_owned());
+        field.or(variant).or_else(|| inside.then(|| line.trim().split(':').next().unwrap_or_default().to_owned()))
+    };
+    let format = format.split("fn default_gravity").next().unwrap();
+    // Defaults are values, not names.
+    let mut inside_default = false;
+    let mut missing = Vec::new();
+    for line in format.lines() {
+        inside_default = (inside_default || line.starts_with("impl ")) && line != "}";
+        let Some(name) = names(line).filter(|_| !inside_default) else { continue };
+        // `blade_length_m` is what old scenes say.
+        if name.chars().all(|c| c.is_alphanumeric() || c == '_') && !guide.contains(&name) && name != "blade_length_m" {
+            missing.push(name);
+        }
+    }
+    assert!(missing.is_empty(), "docs/scenes.md does not name {missing:?}");
 }

@@ -4,16 +4,17 @@ use crate::colouring::Colouring;
 use crate::element::Element;
 use crate::graph::EdgeGraph;
 use crate::hold::Hold;
-use crate::implicit;
 use crate::implicit::Implicit;
+use crate::island::{self, Member};
 use crate::material::{MaterialError, NeoHookean};
 use crate::membrane::Membrane;
 use crate::settings::TissueSettings;
 use crate::sleep::Sleep;
 use crate::xpbd::Xpbd;
+use bevy_ecs::prelude::Entity;
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
-use keyhole_whiteboard::{OrganMaterials, TissueState};
+use keyhole_whiteboard::{Contact, OrganMaterials, TissueState};
 
 /// Everything about an organ that a time step needs and that only a topology change alters.
 #[derive(Clone, Debug, Default)]
@@ -149,21 +150,26 @@ impl Body {
         dt: f32,
         settings: &TissueSettings,
     ) {
-        if self.is_asleep(state, holds, gravity) {
-            return;
-        }
-        implicit::step(self, membrane, state, holds, gravity, dt, settings);
-        if settings.sleep {
-            let mass = self.masses.iter().map(|m| f64::from(*m)).sum();
-            let (kinetic, size) = (self.kinetic_energy(state), self.size(mass));
-            self.sleep.look(state, holds, gravity, dt, kinetic, mass, size);
-        }
+        let organ = Entity::PLACEHOLDER;
+        island::step(&mut [Member { organ, body: self, membrane, state, holds, contacts: &mut [] }], gravity, dt, settings);
     }
 
     /// Whether a step would do nothing: the body has been still for half a second and nothing has changed since.
     #[must_use]
     pub fn is_asleep(&self, state: &TissueState, holds: &[Hold], gravity: Vec3) -> bool {
         self.sleep.holds_on(state, holds, gravity)
+    }
+
+    /// Whether a step would do nothing but repeat the forces at its contacts: it sleeps and touches what it touched when it fell asleep.
+    pub(crate) fn rests(&mut self, state: &TissueState, holds: &[Hold], contacts: &[Contact], gravity: Vec3) -> bool {
+        self.is_asleep(state, holds, gravity) && self.sleep.touches_alike(contacts)
+    }
+
+    /// Writes the forces of the last tick at its contacts down again.
+    pub(crate) fn repeat_forces(&self, contacts: &mut [Contact]) {
+        for contact in contacts {
+            contact.force_n = self.implicit.grips.of(contact).unwrap_or(Vec3::ZERO);
+        }
     }
 
     /// Wakes a body that sleeps: something is about to touch it. Holds that change and topology changes wake it by themselves.

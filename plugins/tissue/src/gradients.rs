@@ -1,9 +1,10 @@
-//! Conjugate gradients on the rows of a body with the preconditioner of several levels; every sum is taken in an order of its own, whatever
-//! the number of threads.
+//! Conjugate gradients on the rows of a body, or of several that touch, with the preconditioner of several levels; every sum is taken in an order
+//! of its own, whatever the number of threads.
 
 use crate::clusters::Clusters;
 use crate::multilevel::{GRAIN, Multilevel};
 use crate::rows::{CHUNK, Rows};
+use crate::touches::Touches;
 use bevy_math::Vec3A;
 use keyhole_whiteboard::TissuePoint;
 use rayon::prelude::*;
@@ -46,6 +47,8 @@ pub(crate) struct Stop {
     pub tolerance: f32,
     /// Size of the residual below which nothing is worth doing, J.
     pub least: f64,
+    /// Size that is too much, whatever it was before, J.
+    pub most: f64,
     /// Most iterations.
     pub iterations: u32,
 }
@@ -59,6 +62,8 @@ pub(crate) struct Solved {
     pub negative: bool,
     /// Size of the residual before, J.
     pub before: f64,
+    /// Right-hand side times solution, J.
+    pub gain: f64,
 }
 
 /// The vectors of the solver.
@@ -68,9 +73,9 @@ pub struct Gradients {
     pub(crate) residual: Vec<Vec3A>,
     /// The solution.
     pub(crate) solution: Vec<Vec3A>,
-    direction: Vec<Vec3A>,
-    image: Vec<Vec3A>,
-    scaled: Vec<Vec3A>,
+    pub(crate) direction: Vec<Vec3A>,
+    pub(crate) image: Vec<Vec3A>,
+    pub(crate) scaled: Vec<Vec3A>,
     partial: Vec<f32>,
 }
 
@@ -88,50 +93,93 @@ impl Gradients {
     pub fn bytes(&self) -> usize {
         size_of::<Vec3A>() * 5 * self.residual.capacity() + 4 * self.partial.capacity()
     }
+}
 
-    /// The size of the residual in the norm of the preconditioner, J.
-    pub(crate) fn size(&mut self, rows: &Rows, clusters: &Clusters, levels: &mut Multilevel) -> f64 {
-        levels.apply(clusters, rows, &self.residual, &mut self.scaled, &mut self.partial)
+/// What one body has in a system of one or several.
+pub(crate) struct Equation<'a> {
+    /// Its own part of the system.
+    pub system: System<'a>,
+    /// Its vectors.
+    pub gradients: &'a mut Gradients,
+    /// Its preconditioner.
+    pub levels: &'a mut Multilevel,
+}
+
+impl Equation<'_> {
+    /// Applies the preconditioner to the residual; the product of both.
+    fn precondition(&mut self) -> f64 {
+        let Gradients { residual, scaled, partial, .. } = &mut *self.gradients;
+        self.levels.apply(self.system.clusters, self.system.rows, residual, scaled, partial)
     }
 
-    /// Solves `A solution = residual` from zero.
-    pub(crate) fn solve(&mut self, system: System<'_>, levels: &mut Multilevel, stop: Stop) -> Solved {
-        let System { rows, clusters, .. } = system;
-        let Self { residual, solution, direction, image, scaled, partial } = self;
-        solution.fill(Vec3A::ZERO);
-        let mut size = levels.apply(clusters, rows, residual, scaled, partial);
-        let enough = (size * f64::from(stop.tolerance).powi(2)).max(stop.least);
-        direction.copy_from_slice(scaled);
-        let mut solved = Solved { iterations: 0, negative: !size.is_finite(), before: size };
-        while solved.iterations < stop.iterations && size > enough {
-            let curvature = multiply(system, direction, image, partial);
-            if !(curvature > 0.0 && curvature.is_finite()) {
-                solved.negative = true;
-                if solved.iterations == 0 {
-                    solution.copy_from_slice(direction);
-                }
-                break;
+    fn multiply(&mut self) -> f64 {
+        let Gradients { direction, image, partial, .. } = &mut *self.gradients;
+        multiply(self.system, direction, image, partial)
+    }
+
+    fn descend(&mut self, length: f32) {
+        let Gradients { residual, image, .. } = &mut *self.gradients;
+        residual.par_chunks_mut(CHUNK).zip(image.par_chunks(CHUNK)).with_min_len(4 * GRAIN).for_each(|(r, q)| {
+            for (r, q) in r.iter_mut().zip(q) {
+                *r -= *q * length;
             }
-            let length = (size / curvature) as f32;
-            residual.par_chunks_mut(CHUNK).zip(image.par_chunks(CHUNK)).with_min_len(4 * GRAIN).for_each(|(r, q)| {
-                for (r, q) in r.iter_mut().zip(q) {
-                    *r -= *q * length;
-                }
-            });
-            let next = levels.apply(clusters, rows, residual, scaled, partial);
-            let keep = (next / size) as f32;
-            size = next;
-            solved.iterations += 1;
-            let both = solution.par_chunks_mut(CHUNK).zip(direction.par_chunks_mut(CHUNK)).zip(scaled.par_chunks(CHUNK));
-            both.with_min_len(4 * GRAIN).for_each(|((x, p), z)| {
-                for ((x, p), z) in x.iter_mut().zip(p).zip(z) {
-                    *x += *p * length;
-                    *p = *z + *p * keep;
-                }
-            });
-        }
-        solved
+        });
     }
+
+    fn advance(&mut self, length: f32, keep: f32) {
+        let Gradients { solution, direction, scaled, .. } = &mut *self.gradients;
+        let both = solution.par_chunks_mut(CHUNK).zip(direction.par_chunks_mut(CHUNK)).zip(scaled.par_chunks(CHUNK));
+        both.with_min_len(4 * GRAIN).for_each(|((x, p), z)| {
+            for ((x, p), z) in x.iter_mut().zip(p).zip(z) {
+                *x += *p * length;
+                *p = *z + *p * keep;
+            }
+        });
+    }
+}
+
+/// Solves `A solution = residual` from zero, for all bodies and what joins them together.
+pub(crate) fn solve(equations: &mut [Equation<'_>], touches: &Touches, stop: Stop) -> Solved {
+    let precondition = |equations: &mut [Equation<'_>]| {
+        let own: f64 = equations.iter_mut().map(Equation::precondition).sum();
+        own + touches.precondition(equations)
+    };
+    for e in equations.iter_mut() {
+        e.gradients.solution.fill(Vec3A::ZERO);
+    }
+    let mut size = precondition(equations);
+    let enough = (size * f64::from(stop.tolerance).powi(2)).min(stop.most).max(stop.least);
+    for e in equations.iter_mut() {
+        e.gradients.direction.copy_from_slice(&e.gradients.scaled);
+    }
+    let mut solved = Solved { iterations: 0, negative: !size.is_finite(), before: size, gain: 0.0 };
+    while solved.iterations < stop.iterations && size > enough {
+        let curvature = equations.iter_mut().map(Equation::multiply).sum::<f64>() + touches.multiply(equations);
+        if !(curvature > 0.0 && curvature.is_finite()) {
+            solved.negative = true;
+            if solved.iterations == 0 {
+                for e in equations.iter_mut() {
+                    e.gradients.solution.copy_from_slice(&e.gradients.direction);
+                }
+            }
+            break;
+        }
+        let length = (size / curvature) as f32;
+        solved.gain += size * size / curvature;
+        equations.iter_mut().for_each(|e| e.descend(length));
+        let next = precondition(equations);
+        let keep = (next / size) as f32;
+        size = next;
+        solved.iterations += 1;
+        equations.iter_mut().for_each(|e| e.advance(length, keep));
+    }
+    solved
+}
+
+/// The size of the residuals in the norm of the preconditioner, J.
+pub(crate) fn size(equations: &mut [Equation<'_>], touches: &Touches) -> f64 {
+    let own: f64 = equations.iter_mut().map(Equation::precondition).sum();
+    own + touches.precondition(equations)
 }
 
 /// `out = A v`, zero where a node is not free; and the product of both.

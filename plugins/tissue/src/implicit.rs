@@ -25,12 +25,15 @@
 use crate::body::Body;
 use crate::gradients::{Spring, Stop};
 use crate::hold::Hold;
+use crate::island::Member;
 use crate::membrane::Membrane;
-use crate::newton::{Astray, Care, Newton, TANGLED, Tangent, Tissue};
+use crate::newton::{Astray, Care, Newton, Part, TANGLED, Tangent, Tissue, Weights, minimise};
 use crate::rescue;
 use crate::settings::{TimeStepping, TissueSettings};
+use crate::touches::{Grips, Touches};
 use bevy_math::{DVec3, Vec3, Vec3A};
 use keyhole_whiteboard::{TissuePoint, TissueState};
+use smallvec::SmallVec;
 use std::f32::consts::FRAC_1_SQRT_2;
 
 /// `c`: each stage is a step of backward Euler of this share of the substep.
@@ -66,6 +69,10 @@ pub struct Implicit {
     astray_s: f32,
     /// What to go back to.
     kept: TissueState,
+    /// The contacts of the bodies that this one is the first of.
+    touches: Touches,
+    /// What friction came to in the last tick.
+    pub(crate) grips: Grips,
 }
 
 /// The state a substep ago and the one that it led to, by which it is known whether that still is the state.
@@ -98,6 +105,8 @@ struct Step {
     end: f32,
     /// The substep as a share of the tick.
     share: f32,
+    /// The tick, s.
+    dt: f32,
 }
 
 /// The numbers of a stage.
@@ -127,131 +136,242 @@ impl Implicit {
     }
 }
 
-/// Steps a body over one tick of `dt` s under gravity (m/s2).
-pub fn step(
-    body: &mut Body,
-    membrane: Option<&Membrane>,
-    state: &mut TissueState,
-    holds: &[Hold],
-    gravity: Vec3,
-    dt: f32,
-    settings: &TissueSettings,
-) {
-    let mut solver = std::mem::take(&mut body.implicit);
-    let nodes = state.positions.len();
-    solver.newton.resize(nodes);
-    for v in [&mut solver.from, &mut solver.with, &mut solver.velocity] {
-        v.resize(nodes, Vec3A::ZERO);
+/// A body in its tick: what of it stays as it is, and what changes.
+struct Mover<'a> {
+    body: &'a Body,
+    membrane: Option<&'a Membrane>,
+    solver: Implicit,
+    state: &'a mut TissueState,
+    holds: &'a [Hold],
+}
+
+type Movers<'a> = SmallVec<[Mover<'a>; 2]>;
+
+impl Mover<'_> {
+    fn tissue(&self) -> Tissue<'_> {
+        Tissue { body: self.body, membrane: self.membrane }
     }
-    (solver.newton.iterations, solver.careful) = (0, 0);
-    let n = settings.substeps.max(1);
-    solver.starts.clear();
-    solver.starts.extend(holds.iter().filter_map(|d| d.fixes().map(|i| (i, state.positions[i]))));
-    if solver.astray_s > ASTRAY_S {
-        rescue::step(body, state, holds, gravity, dt, settings.drag_1_s);
-        (solver.careful, solver.astray_s, solver.past.h) = (1, 0.0, 0.0);
-        body.implicit = solver;
+}
+
+/// Steps bodies that touch, or one that may, over one tick of `dt` s under gravity (m/s2).
+pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+    let mut touches = members.first_mut().map(|m| std::mem::take(&mut m.body.implicit.touches)).unwrap_or_default();
+    touches.gather(members);
+    let solvers: SmallVec<[Implicit; 2]> = members.iter_mut().map(|m| std::mem::take(&mut m.body.implicit)).collect();
+    let mut movers: Movers<'_> = SmallVec::new();
+    for (member, mut solver) in members.iter_mut().zip(solvers) {
+        let nodes = member.state.positions.len();
+        solver.newton.resize(nodes);
+        for v in [&mut solver.from, &mut solver.with, &mut solver.velocity] {
+            v.resize(nodes, Vec3A::ZERO);
+        }
+        (solver.newton.iterations, solver.careful) = (0, 0);
+        solver.starts.clear();
+        solver.starts.extend(member.holds.iter().filter_map(|d| d.fixes().map(|i| (i, member.state.positions[i]))));
+        movers.push(Mover { body: member.body, membrane: member.membrane, solver, state: member.state, holds: member.holds });
+    }
+    tick(&mut movers, &mut touches, gravity, dt, settings);
+    let solvers: SmallVec<[Implicit; 2]> = movers.into_iter().map(|m| m.solver).collect();
+    for (member, solver) in members.iter_mut().zip(solvers) {
+        member.body.implicit = solver;
+    }
+    touches.write(members, dt);
+    if let Some(first) = members.first_mut() {
+        first.body.implicit.touches = touches;
+    }
+}
+
+fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32, settings: &TissueSettings) {
+    let rescued = |m: &mut Mover<'_>| {
+        rescue::step(m.body, m.state, m.holds, gravity, dt, settings.drag_1_s);
+        m.solver.past.h = 0.0;
+    };
+    if movers.iter().any(|m| m.solver.astray_s > ASTRAY_S) {
+        for m in movers.iter_mut() {
+            rescued(m);
+            (m.solver.careful, m.solver.astray_s) = (1, 0.0);
+        }
         return;
     }
+    let n = settings.substeps.max(1);
     // One job for the pool: every loop within is split among its threads.
     rayon::scope(|_| {
         for substep in 0..n {
-            let step = Step { h: dt / n as f32, gravity, end: (substep + 1) as f32 / n as f32, share: 1.0 / n as f32 };
-            let tissue = Tissue { body, membrane };
-            match solver.substep(tissue, state, holds, step, settings) {
-                Ok(()) => {}
-                // Where it would go may be tangled where it is not: then it goes carefully.
-                Err(Astray::Tangled) if substep == 0 && rescue::is_tangled(body, state, TANGLED) => {
-                    solver.careful += 1;
-                    solver.past.h = 0.0;
-                    rescue::step(body, state, holds, gravity, dt, settings.drag_1_s);
-                    break;
-                }
-                Err(_) => {
-                    solver.careful += 1;
-                    solver.past.h = 0.0;
-                    solver.careful_substep(tissue, state, holds, step, settings);
-                }
+            let step = Step { h: dt / n as f32, gravity, end: (substep + 1) as f32 / n as f32, share: 1.0 / n as f32, dt };
+            touches.keep();
+            let Err(astray) = substep_of(movers, touches, step, settings) else { continue };
+            for m in movers.iter_mut() {
+                m.solver.careful += 1;
+                m.solver.past.h = 0.0;
             }
+            // Where it would go may be tangled where it is not: then it goes carefully.
+            if astray == Astray::Tangled && substep == 0 && movers.iter().any(|m| rescue::is_tangled(m.body, m.state, TANGLED)) {
+                movers.iter_mut().for_each(rescued);
+                break;
+            }
+            touches.go_back();
+            careful_substep(movers, touches, step, settings);
         }
     });
-    solver.astray_s = if solver.careful > 0 { solver.astray_s + dt } else { (solver.astray_s - dt / 2.0).max(0.0) };
-    body.implicit = solver;
+    // With contacts there is care without need.
+    for Mover { solver, .. } in movers.iter_mut().filter(|_| touches.is_empty()) {
+        solver.astray_s = if solver.careful > 0 { solver.astray_s + dt } else { (solver.astray_s - dt / 2.0).max(0.0) };
+    }
 }
 
-impl Implicit {
-    fn substep(
-        &mut self,
-        tissue: Tissue<'_>,
-        state: &mut TissueState,
-        holds: &[Hold],
-        step: Step,
-        settings: &TissueSettings,
-    ) -> Result<(), Astray> {
-        if settings.stepping == TimeStepping::TwoSteps && self.past.leads_to(state, step.h) {
-            let stage = Stage::new(step.h * (2.0 / 3.0), step.h / 3.0, settings);
-            self.begin(state);
-            for (i, (from, with)) in self.from.iter_mut().zip(&mut self.with).enumerate() {
-                *from += (*from - Vec3A::from(self.past.before.positions[i])) / 3.0;
-                *with += (*with - Vec3A::from(self.past.before.velocities[i])) / 3.0;
+fn substep_of(movers: &mut [Mover<'_>], touches: &mut Touches, step: Step, settings: &TissueSettings) -> Result<(), Astray> {
+    if settings.stepping == TimeStepping::TwoSteps && movers.iter().all(|m| m.solver.past.leads_to(m.state, step.h)) {
+        let whole = Stage::new(step.h * (2.0 / 3.0), step.h / 3.0, settings);
+        for Mover { solver, state, .. } in movers.iter_mut() {
+            solver.begin(state);
+            for (i, (from, with)) in solver.from.iter_mut().zip(&mut solver.with).enumerate() {
+                *from += (*from - Vec3A::from(solver.past.before.positions[i])) / 3.0;
+                *with += (*with - Vec3A::from(solver.past.before.velocities[i])) / 3.0;
             }
-            self.stage(tissue, state, holds, step, stage, settings, Care::Usual, Tangent::Own)?;
-            let doubtful = self.newton.rounds > 1;
-            return self.finish_unless_gained(tissue, state, holds, step, stage, settings, doubtful);
         }
-        let length = STAGE * step.h;
-        let first = Stage::new(length, 0.0, settings);
-        self.begin(state);
-        self.stage(tissue, state, holds, step, first, settings, Care::Usual, Tangent::Own)?;
-        // Where one step was enough the tangent hardly changes.
-        let hard = self.newton.rounds > 1;
-        let kept = if hard { Tangent::Own } else { Tangent::Kept };
-        let second = Stage { before: step.h - length, ..first };
-        for ((from, with), first) in self.from.iter_mut().zip(&mut self.with).zip(&self.velocity) {
+        stage_of(movers, touches, step, whole, settings, Care::Usual, Tangent::Own)?;
+        let doubtful = movers.iter().any(|m| m.solver.newton.rounds > 1);
+        return finish_unless_gained(movers, touches, step, whole, settings, doubtful);
+    }
+    let length = STAGE * step.h;
+    let first = Stage::new(length, 0.0, settings);
+    movers.iter_mut().for_each(|m| m.solver.begin(m.state));
+    stage_of(movers, touches, step, first, settings, Care::Usual, Tangent::Own)?;
+    // Where one step was enough the tangent hardly changes.
+    let hard = movers.iter().any(|m| m.solver.newton.rounds > 1);
+    if touches.push() {
+        // What a contact does is no smooth force: it is not gone on with. The first stage was a step of backward Euler, and so is the rest.
+        touches.finish(length);
+        let rest = Stage::new(step.h - length, length, settings);
+        for Mover { solver, .. } in movers.iter_mut() {
+            for ((from, with), first) in solver.from.iter_mut().zip(&mut solver.with).zip(&solver.velocity) {
+                *from += *first * length;
+                *with = *first;
+            }
+        }
+        stage_of(movers, touches, step, rest, settings, Care::Usual, Tangent::Own)?;
+        let doubtful = hard || movers.iter().any(|m| m.solver.newton.rounds > 1);
+        return finish_unless_gained(movers, touches, step, rest, settings, doubtful);
+    }
+    let kept = if hard { Tangent::Own } else { Tangent::Kept };
+    let second = Stage { before: step.h - length, ..first };
+    for Mover { solver, .. } in movers.iter_mut() {
+        for ((from, with), first) in solver.from.iter_mut().zip(&mut solver.with).zip(&solver.velocity) {
             *from += *first * second.before;
             *with += (*first - *with) * (second.before / length);
         }
-        self.stage(tissue, state, holds, step, second, settings, Care::Usual, kept)?;
-        let doubtful = hard || self.newton.rounds > 1;
-        self.finish_unless_gained(tissue, state, holds, step, second, settings, doubtful)
     }
+    stage_of(movers, touches, step, second, settings, Care::Usual, kept)?;
+    let doubtful = hard || movers.iter().any(|m| m.solver.newton.rounds > 1);
+    finish_unless_gained(movers, touches, step, second, settings, doubtful)
+}
 
-    /// Ends a substep; one that is in doubt is taken back when it gave the body energy. What took one step of Newton's method a stage is not in doubt.
-    fn finish_unless_gained(
-        &mut self,
-        tissue: Tissue<'_>,
-        state: &mut TissueState,
-        holds: &[Hold],
-        step: Step,
-        last: Stage,
-        settings: &TissueSettings,
-        doubtful: bool,
-    ) -> Result<(), Astray> {
-        // What is moved is given energy.
-        let doubtful = doubtful && holds.iter().all(|hold| hold.from == hold.to);
+/// Ends a substep; one that is in doubt is taken back when it gave the bodies energy. What took one step of Newton's method a stage is not in doubt.
+fn finish_unless_gained(
+    movers: &mut [Mover<'_>],
+    touches: &mut Touches,
+    step: Step,
+    last: Stage,
+    settings: &TissueSettings,
+    doubtful: bool,
+) -> Result<(), Astray> {
+    // What is moved is given energy.
+    let doubtful = doubtful && movers.iter().all(|m| m.holds.iter().all(|hold| hold.from == hold.to));
+    for m in movers.iter_mut() {
         if doubtful {
-            copy(&mut self.kept, state);
+            copy(&mut m.solver.kept, m.state);
         }
-        self.finish(state, holds, step, last, settings);
-        if doubtful && has_gained(tissue, &self.newton.springs, &self.kept, state, step) {
-            copy(state, &self.kept);
-            return Err(Astray::Wild);
-        }
-        Ok(())
+        m.solver.finish(m.state, m.holds, step, last, settings);
     }
+    if doubtful && has_gained(movers, touches, step) {
+        for m in movers.iter_mut() {
+            copy(m.state, &m.solver.kept);
+        }
+        return Err(Astray::Wild);
+    }
+    touches.finish(last.length);
+    Ok(())
+}
 
-    /// Backward Euler, downhill.
-    fn careful_substep(&mut self, tissue: Tissue<'_>, state: &mut TissueState, holds: &[Hold], step: Step, settings: &TissueSettings) {
-        let whole = Stage { reach: step.h, ..Stage::new(step.h, 0.0, settings) };
-        self.begin(state);
+/// Backward Euler, downhill.
+fn careful_substep(movers: &mut [Mover<'_>], touches: &mut Touches, step: Step, settings: &TissueSettings) {
+    let whole = Stage { reach: step.h, ..Stage::new(step.h, 0.0, settings) };
+    for m in movers.iter_mut() {
+        m.solver.begin(m.state);
         // From where it is: going downhill needs a state that is no worse.
-        self.velocity.fill(Vec3A::ZERO);
-        // Going downhill finds no fault.
-        let _ = self.stage(tissue, state, holds, step, whole, settings, Care::Downhill, Tangent::Own);
-        self.finish(state, holds, step, whole, settings);
-        self.past.h = 0.0;
+        m.solver.velocity.fill(Vec3A::ZERO);
     }
+    // Going downhill finds no fault.
+    let _ = stage_of(movers, touches, step, whole, settings, Care::Downhill, Tangent::Own);
+    touches.finish(whole.length);
+    for m in movers.iter_mut() {
+        m.solver.finish(m.state, m.holds, step, whole, settings);
+        m.solver.past.h = 0.0;
+    }
+}
 
+/// Finds the velocities of a stage.
+fn stage_of(
+    movers: &mut [Mover<'_>],
+    touches: &mut Touches,
+    step: Step,
+    stage: Stage,
+    settings: &TissueSettings,
+    care: Care,
+    tangent: Tangent,
+) -> Result<(), Astray> {
+    let inertia = (1.0 + stage.drag) / (stage.length * stage.reach);
+    let mut least = 0.0;
+    for m in movers.iter_mut() {
+        let tissue = Tissue { body: m.body, membrane: m.membrane };
+        m.solver.set_out(tissue, m.state, m.holds, step, stage, !touches.is_empty());
+        let mass: f64 = m.body.masses.iter().map(|m| f64::from(*m)).sum();
+        least += mass * f64::from(inertia) * (FINE * m.body.size(mass)).powi(2);
+    }
+    let time_s = (step.end - step.share) * step.dt + stage.before;
+    touches.begin(|part| &movers[part].solver.from, time_s, stage.length, stage.reach);
+    let stop = Stop { tolerance: settings.tolerance, least, most: f64::INFINITY, iterations: settings.iterations };
+    let weights = Weights { inertia, drag: stage.drag / stage.length, reach: stage.reach };
+    let mut parts: SmallVec<[Part<'_>; 2]> = SmallVec::new();
+    for m in movers.iter_mut() {
+        parts.push(Part { tissue: Tissue { body: m.body, membrane: m.membrane }, newton: &mut m.solver.newton });
+    }
+    minimise(&mut parts, touches, weights, care, tangent, stop)?;
+    drop(parts);
+    for m in movers.iter_mut() {
+        m.solver.take_velocities(stage);
+    }
+    if movers.iter().all(|m| m.holds.is_empty()) && !touches.bear() {
+        fall_together(movers, step, stage);
+    }
+    Ok(())
+}
+
+/// Bodies that nothing holds fall freely, all together: what rounding makes of their momentum is taken off.
+fn fall_together(movers: &mut [Mover<'_>], step: Step, stage: Stage) {
+    let fall = Vec3A::from(step.gravity) * stage.length;
+    let off = match &*movers {
+        [only] => {
+            let drift = mean(only.body, &only.solver.with) + fall;
+            drift - mean(only.body, &only.solver.velocity)
+        }
+        all => {
+            let (mut gone, mut mass) = (DVec3::ZERO, 0.0);
+            for m in all.iter() {
+                let own: f64 = m.body.masses.iter().map(|m| f64::from(*m)).sum();
+                let change = mean(m.body, &m.solver.with) + fall - mean(m.body, &m.solver.velocity);
+                gone += change.as_dvec3() * own;
+                mass += own;
+            }
+            if mass > 0.0 { (gone / mass).as_vec3a() } else { Vec3A::ZERO }
+        }
+    };
+    for v in movers.iter_mut().flat_map(|m| &mut m.solver.velocity) {
+        *v += off;
+    }
+}
+
+impl Implicit {
     /// Sets a stage to begin where the substep does, and to be looked for where the velocities lead.
     fn begin(&mut self, state: &TissueState) {
         for (i, (x, v)) in state.positions.iter().zip(&state.velocities).enumerate() {
@@ -260,51 +380,39 @@ impl Implicit {
         }
     }
 
-    /// Finds the velocities of a stage.
-    fn stage(
-        &mut self,
-        tissue: Tissue<'_>,
-        state: &TissueState,
-        holds: &[Hold],
-        step: Step,
-        stage: Stage,
-        settings: &TissueSettings,
-        care: Care,
-        tangent: Tangent,
-    ) -> Result<(), Astray> {
+    /// Makes everything ready for a stage.
+    fn set_out(&mut self, tissue: Tissue<'_>, state: &TissueState, holds: &[Hold], step: Step, stage: Stage, touched: bool) {
         let inertia = (1.0 + stage.drag) / (stage.length * stage.reach);
         let fall = Vec3A::from(step.gravity) * stage.length;
         // Drag takes nothing of the mean velocity of a body that nothing holds.
-        let drift = if holds.is_empty() { mean(tissue.body, &self.with) + fall } else { Vec3A::ZERO };
+        let free = holds.is_empty();
+        let drift = match (free, touched) {
+            (false, _) => Vec3A::ZERO,
+            (true, false) => mean(tissue.body, &self.with) + fall,
+            (true, true) => mean(tissue.body, &self.with),
+        };
         let newton = &mut self.newton;
+        newton.drift = (free && touched).then(|| (mean(tissue.body, &self.from).as_dvec3(), drift));
         for i in 0..newton.x.len() {
             let from = self.from[i];
             newton.free[i] = tissue.body.masses[i] > 0.0;
             newton.added[i] = tissue.body.masses[i] * inertia;
             newton.target[i] = from + (self.with[i] + fall + drift * stage.drag) * (stage.reach / (1.0 + stage.drag));
             newton.x[i] = from + self.velocity[i] * stage.reach;
+            newton.ahead[i] = from + self.with[i] * stage.reach;
         }
         for (i, velocity) in driven(holds, &self.starts, state, step) {
             newton.free[i] = false;
             newton.x[i] = Vec3A::from(state.positions[i] + velocity * (stage.before + stage.reach));
         }
         attach(newton, tissue.membrane, holds, step, stage);
+    }
 
-        let mass: f64 = tissue.body.masses.iter().map(|m| f64::from(*m)).sum();
-        let least = mass * f64::from(inertia) * (FINE * tissue.body.size(mass)).powi(2);
-        newton.solve(tissue, inertia, care, tangent, Stop { tolerance: settings.tolerance, least, iterations: settings.iterations })?;
-
-        for ((velocity, x), from) in self.velocity.iter_mut().zip(&newton.x).zip(&self.from) {
+    /// Takes the velocities of a stage from where it led.
+    fn take_velocities(&mut self, stage: Stage) {
+        for ((velocity, x), from) in self.velocity.iter_mut().zip(&self.newton.x).zip(&self.from) {
             *velocity = (*x - *from) / stage.reach;
         }
-        if holds.is_empty() {
-            // A body that nothing holds falls freely: what rounding makes of its momentum is taken off.
-            let off = drift - mean(tissue.body, &self.velocity);
-            for v in &mut self.velocity {
-                *v += off;
-            }
-        }
-        Ok(())
     }
 
     /// Ends a substep with the velocities of its last stage.
@@ -331,26 +439,33 @@ impl Implicit {
     }
 }
 
-/// Whether a body has more energy than it had before, and than its weight and springs to points that stand still have given it: nothing else gives it any.
-fn has_gained(tissue: Tissue<'_>, springs: &[Spring], before: &TissueState, state: &TissueState, step: Step) -> bool {
-    let body = tissue.body;
-    let energy = |state: &TissueState| {
-        let at = |m: &Membrane| m.energy(&state.positions.iter().map(|x| x.as_dvec3()).collect::<Vec<_>>());
-        body.kinetic_energy(state) + body.elastic_energy(state) + tissue.membrane.map_or(0.0, at)
-    };
-    let fallen = |(m, (x, b)): (&f32, (&Vec3, &Vec3))| f64::from(*m) * f64::from((*x - *b).dot(step.gravity));
-    let moved = state.positions.iter().zip(&before.positions);
-    let weight: f64 = body.masses.iter().zip(moved).filter(|(m, _)| **m > 0.0).map(fallen).sum();
-    // The mean force times the way, not a difference of energies: a load may be a soft spring to a point far away.
-    let pulled = |spring: &Spring| {
-        let at =
-            |state: &TissueState| spring.point.iter().map(|(n, w)| state.positions[n.index()].as_dvec3() * f64::from(*w)).sum::<DVec3>();
-        let (from, to) = (at(before), at(state));
-        f64::from(spring.stiffness) * (spring.anchor.as_dvec3() - (from + to) / 2.0).dot(to - from)
-    };
-    let work = weight + springs.iter().map(pulled).sum::<f64>();
-    let had = energy(before);
-    energy(state) > had + work + GAIN * (had + work.abs())
+/// Whether bodies have more energy than they had before, and than their weight, contacts and springs to points that stand still have given them: nothing
+/// else gives them any.
+fn has_gained(movers: &[Mover<'_>], touches: &Touches, step: Step) -> bool {
+    let (mut had, mut has, mut work) = (0.0, 0.0, 0.0);
+    for m in movers {
+        let before = &m.solver.kept;
+        let energy = |state: &TissueState| {
+            let at = |m: &Membrane| m.energy(&state.positions.iter().map(|x| x.as_dvec3()).collect::<Vec<_>>());
+            m.body.kinetic_energy(state) + m.body.elastic_energy(state) + m.tissue().membrane.map_or(0.0, at)
+        };
+        let fallen = |(m, (x, b)): (&f32, (&Vec3, &Vec3))| f64::from(*m) * f64::from((*x - *b).dot(step.gravity));
+        let moved = m.state.positions.iter().zip(&before.positions);
+        let weight: f64 = m.body.masses.iter().zip(moved).filter(|(m, _)| **m > 0.0).map(fallen).sum();
+        // The mean force times the way, not a difference of energies: a load may be a soft spring to a point far away.
+        let pulled = |spring: &Spring| {
+            let at = |state: &TissueState| {
+                spring.point.iter().map(|(n, w)| state.positions[n.index()].as_dvec3() * f64::from(*w)).sum::<DVec3>()
+            };
+            let (from, to) = (at(before), at(m.state));
+            f64::from(spring.stiffness) * (spring.anchor.as_dvec3() - (from + to) / 2.0).dot(to - from)
+        };
+        work += weight + m.solver.newton.springs.iter().map(pulled).sum::<f64>();
+        had += energy(before);
+        has += energy(m.state);
+    }
+    work += touches.work(step.h);
+    has > had + work + GAIN * (had + work.abs())
 }
 
 /// The nodes that holds fix, and the velocities that take them to where they belong at the end of a substep, m/s.

@@ -6,15 +6,17 @@
 
 use crate::body::Body;
 use crate::hold::Hold;
+use crate::island::{self, Member};
 use crate::material::MaterialError;
 use crate::membrane::{Capsule, Membrane};
 use crate::settings::TissueSettings;
 use crate::teschner::{Teschner, TeschnerSettings};
 use crate::vbd::{Vbd, VbdSettings};
 use crate::xpbd::{self, XpbdSettings};
+use bevy_ecs::prelude::Entity;
 use bevy_math::Vec3;
 use keyhole_tetmesh::{TetMesh, TopologyDelta};
-use keyhole_whiteboard::{OrganMaterials, TissueState};
+use keyhole_whiteboard::{Contact, OrganMaterials, TissueState};
 
 /// A soft-tissue model with its settings.
 ///
@@ -151,14 +153,39 @@ impl ModelState {
         }
     }
 
-    /// Steps a body over one tick of `dt` s under gravity (m/s2). Of the settings only damping counts, but for [`TissueModel::Implicit`].
+    /// Whether bodies that touch are solved as one system: [`crate::island::step`]. With the other models each goes by itself.
+    #[must_use]
+    pub fn is_solved_together(&self) -> bool {
+        self.model == TissueModel::Implicit
+    }
+
+    /// Steps a body that touches nothing over one tick of `dt` s under gravity (m/s2). Of the settings only damping counts, but for [`TissueModel::Implicit`].
     pub fn step(&mut self, body: &mut Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+        self.step_touching(body, state, holds, &mut [], gravity, dt, settings);
+    }
+
+    /// The same with contacts, the forces of which it writes down. Organs that it touches are obstacles; by [`TissueModel::Implicit`] those that touch are better stepped
+    /// together: [`crate::island::step`].
+    pub fn step_touching(
+        &mut self,
+        body: &mut Body,
+        state: &mut TissueState,
+        holds: &[Hold],
+        contacts: &mut [Contact],
+        gravity: Vec3,
+        dt: f32,
+        settings: &TissueSettings,
+    ) {
         let membrane = self.membrane.as_ref();
+        let drag = settings.drag_1_s;
         match (&self.model, &mut self.kept) {
-            (TissueModel::Teschner(s), Kept::Teschner(t)) => t.step(s, body, membrane, state, holds, gravity, dt, settings.drag_1_s),
-            (TissueModel::Vbd(s), Kept::Vbd(v)) => v.step(s, body, membrane, state, holds, gravity, dt, settings.drag_1_s),
-            (TissueModel::Xpbd(s), _) => xpbd::step_with(s, body, membrane, state, holds, gravity, dt, settings.drag_1_s),
-            _ => body.step_with(membrane, state, holds, gravity, dt, settings),
+            (TissueModel::Teschner(s), Kept::Teschner(t)) => t.step(s, body, membrane, state, holds, gravity, dt, drag, contacts),
+            (TissueModel::Vbd(s), Kept::Vbd(v)) => v.step(s, body, membrane, state, holds, gravity, dt, drag, contacts),
+            (TissueModel::Xpbd(s), _) => xpbd::step_with(s, body, membrane, state, holds, gravity, dt, drag, contacts),
+            _ => {
+                let organ = Entity::PLACEHOLDER;
+                island::step(&mut [Member { organ, body, membrane, state, holds, contacts }], gravity, dt, settings);
+            }
         }
     }
 }

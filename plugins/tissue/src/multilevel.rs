@@ -103,8 +103,16 @@ impl Multilevel {
             + 4 * (self.large_of.capacity() + self.dense.capacity() + self.vector.capacity())
     }
 
-    /// Takes the levels to the positions `x` (m) at which `rows` were assembled with `inertia`, which gave `forces`.
-    pub(crate) fn prepare(&mut self, clusters: &Clusters, rows: &Rows, x: &[Vec3A], inertia: Inertia<'_>, forces: &[Forces]) {
+    /// Takes the levels to the positions `x` (m) at which `rows` were assembled with `inertia`, which gave `forces`; `pins` is what the diagonals have besides.
+    pub(crate) fn prepare(
+        &mut self,
+        clusters: &Clusters,
+        rows: &Rows,
+        x: &[Vec3A],
+        inertia: Inertia<'_>,
+        forces: &[Forces],
+        pins: &[(u32, Mat3A)],
+    ) {
         self.at.clear();
         self.at.extend_from_slice(x);
         self.small.resize(clusters.nodes.len(), Small::default());
@@ -135,6 +143,13 @@ impl Multilevel {
                     }
                 }
             });
+            for (node, block) in pins {
+                let (n, c) = (*node as usize, large_of[*node as usize]);
+                if c != NONE {
+                    let strip = &mut self.dense[RIGID * order * c as usize..][..RIGID * order];
+                    pin(*block, x[n], large[c as usize], &mut strip[RIGID * c as usize..], order);
+                }
+            }
             self.inertia.clear();
             self.inertia.resize(order, 0.0);
             for ((children, large), sums) in clusters.children.iter().zip(&self.large).zip(self.inertia.chunks_mut(RIGID)) {
@@ -306,6 +321,16 @@ fn gather(i: usize, own: usize, strip: &mut [f32], large: &[Large], large_of: &[
     }
     for (q, sum) in inside.into_iter().enumerate() {
         add(own, q, sum);
+    }
+}
+
+/// Adds a block on the diagonal of a node at `x` to the tangent of its large cluster, the rows of which are `order` apart.
+fn pin(block: Mat3A, x: Vec3A, Large { centre, scale }: Large, tangent: &mut [f32], order: usize) {
+    let arm = (x - centre) * scale;
+    for (q, column) in columns(block, x - centre, scale).into_iter().enumerate() {
+        for (p, e) in (Twist { straight: column, turn: arm.cross(column) }).array().into_iter().enumerate() {
+            tangent[p * order + q] += e;
+        }
     }
 }
 

@@ -1,16 +1,19 @@
-//! One stage of a time step as a minimum: Newton's method on `M |X - y|^2 w / 2 + E(X)` and the springs, by conjugate gradients.
+//! One stage of a time step as a minimum: Newton's method on `M |X - y|^2 w / 2 + E(X)`, the springs and the contacts, by conjugate gradients; of one
+//! body, or of several that touch as one system.
 
 use crate::body::Body;
 use crate::clusters::Clusters;
 use crate::element::Element;
-use crate::gradients::{Gradients, Spring, Stop, System};
+use crate::gradients::{Equation, Gradients, Spring, Stop, System, size, solve};
 use crate::membrane::Membrane;
 use crate::multilevel::{GRAIN, Multilevel};
 use crate::rows::{CHUNK, Forces, Inertia, Rows};
 use crate::skin;
-use bevy_math::{DVec3, Vec3, Vec3A};
+use crate::touches::Touches;
+use bevy_math::{DMat3, DVec3, Mat3A, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh, TopologyDelta};
 use rayon::prelude::*;
+use smallvec::SmallVec;
 
 /// How often a step of Newton's method is halved before it is given up.
 const HALVINGS: u32 = 10;
@@ -30,6 +33,22 @@ const CAREFUL_STEPS: u32 = 6;
 
 /// Share of the square of the residual that a stage may leave.
 const ENOUGH: f64 = 0.04;
+
+/// The same at which conjugate gradients stop where contacts push.
+const FAIR: f64 = 0.001;
+
+/// Share of the square of the residual without contacts that a stage with contacts may leave: what is left of it is momentum.
+const TOUCHING_ENOUGH: f64 = 0.004;
+
+/// The same that is too much after all steps. Below it momentum is balanced, and the shape is left for the next tick.
+const TOUCHING_WILD: f64 = 4.0;
+
+/// So many times the iterations of conjugate gradients are allowed where contacts push: they are stiffer than the tissue.
+const STIFFER: u32 = 4;
+
+/// Further steps where there are contacts, and after how many the tangent of the tissue is assembled anew there.
+const TOUCHING_STEPS: u32 = 8;
+const FRESH: u32 = 4;
 
 /// Multiple of the size of residual at which conjugate gradients stop that a stage may leave: there is hardly more than rounding in it.
 const ROUNDING: f64 = 16.0;
@@ -71,23 +90,46 @@ pub(crate) struct Tissue<'a> {
     pub membrane: Option<&'a Membrane>,
 }
 
+/// A body that is solved with others.
+pub(crate) struct Part<'a> {
+    pub tissue: Tissue<'a>,
+    pub newton: &'a mut Newton,
+}
+
+/// The numbers of a stage.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Weights {
+    /// `w`, 1/s2.
+    pub inertia: f32,
+    /// Drag by the length of the stage, 1/s.
+    pub drag: f32,
+    /// How far ahead forces are taken, s.
+    pub reach: f32,
+}
+
 /// The solver's view of a body, and its arrays.
 #[derive(Clone, Debug, Default)]
 pub struct Newton {
     pub(crate) rows: Rows,
     pub(crate) clusters: Clusters,
     levels: Multilevel,
-    gradients: Gradients,
+    pub(crate) gradients: Gradients,
     /// Where the forces are taken: the start, then the solution, m.
     pub(crate) x: Vec<Vec3A>,
     /// `y`: where inertia alone would lead, m.
     pub(crate) target: Vec<Vec3A>,
+    /// Where their velocities lead when nothing changes them, m.
+    pub(crate) ahead: Vec<Vec3A>,
     /// Masses times `w`, and what springs add, N/m.
     pub(crate) added: Vec<f32>,
     /// Whether a node moves freely.
     pub(crate) free: Vec<bool>,
     forces: Vec<Forces>,
     pub(crate) springs: Vec<Spring>,
+    /// Of a body that only contacts hold: the middle of its mass where the stage begins (m), and the velocity (m/s) that drag was taken about.
+    pub(crate) drift: Option<(DVec3, Vec3A)>,
+    /// What contacts add to the diagonal of the rows, by node, ascending, N/m.
+    pub(crate) pins: Vec<(u32, Mat3A)>,
     /// Steps that the last stage took.
     pub(crate) rounds: u32,
     /// Iterations of conjugate gradients since this was last set to zero.
@@ -102,7 +144,7 @@ impl Newton {
             + self.clusters.bytes()
             + self.levels.bytes()
             + self.gradients.bytes()
-            + 16 * (self.x.capacity() + self.target.capacity())
+            + 16 * (self.x.capacity() + self.target.capacity() + self.ahead.capacity())
             + 5 * self.added.capacity()
             + self.forces.capacity() * size_of::<Forces>()
     }
@@ -138,7 +180,7 @@ impl Newton {
     /// Makes every array as long as there are nodes.
     pub(crate) fn resize(&mut self, nodes: usize) {
         self.gradients.resize(nodes);
-        for v in [&mut self.x, &mut self.target] {
+        for v in [&mut self.x, &mut self.target, &mut self.ahead] {
             v.resize(nodes, Vec3A::ZERO);
         }
         self.added.resize(nodes, 0.0);
@@ -146,68 +188,13 @@ impl Newton {
         self.forces.resize(nodes, Forces::default());
     }
 
-    /// Takes `x` to the minimum: `inertia` is `w` in 1/s2. The first step is with the tangent that there is, when `tangent` says so.
-    pub(crate) fn solve(&mut self, tissue: Tissue<'_>, inertia: f32, care: Care, tangent: Tangent, stop: Stop) -> Result<(), Astray> {
-        let most = match care {
-            Care::Usual => USUAL_STEPS,
-            Care::Downhill => CAREFUL_STEPS,
-        };
-        let mut before = 0.0;
-        let mut energy = None;
-        let mut convex = care == Care::Downhill;
-        for round in 1..=most {
-            self.rounds = round;
-            if round == 1 && tangent == Tangent::Kept {
-                self.look(tissue, inertia);
-            } else {
-                if self.assemble(tissue.membrane, convex) * TANGLED > tissue.body.elements.len() && care == Care::Usual {
-                    return Err(Astray::Tangled);
-                }
-                self.balance(tissue, inertia);
-            }
-            let system = System { rows: &self.rows, springs: &self.springs, clusters: &self.clusters, free: &self.free };
-            let solved = self.gradients.solve(system, &mut self.levels, stop);
-            if before <= 0.0 {
-                before = solved.before;
-            }
-            self.iterations += solved.iterations;
-            self.settle_momentum(tissue, inertia);
-            if solved.iterations == 0 && !solved.negative {
-                break;
-            }
-            match care {
-                Care::Usual => {
-                    if solved.negative {
-                        if round == most {
-                            return Err(Astray::Wild);
-                        }
-                        convex = true;
-                        continue;
-                    }
-                    self.go(1.0);
-                    self.look(tissue, inertia);
-                    let size = self.gradients.size(&self.rows, &self.clusters, &mut self.levels);
-                    let left = size / before;
-                    if left <= ENOUGH || size <= ROUNDING * stop.least {
-                        break;
-                    }
-                    if round == most && (left > WILD || left.is_nan()) {
-                        return Err(Astray::Wild);
-                    }
-                }
-                Care::Downhill => {
-                    let now = energy.unwrap_or_else(|| self.energy(tissue, inertia));
-                    energy = self.go_downhill(tissue, inertia, now);
-                    if energy.is_none() {
-                        break;
-                    }
-                }
-            }
-        }
-        Ok(())
+    /// Its part of a system.
+    fn equation(&mut self) -> Equation<'_> {
+        let system = System { rows: &self.rows, springs: &self.springs, clusters: &self.clusters, free: &self.free };
+        Equation { system, gradients: &mut self.gradients, levels: &mut self.levels }
     }
 
-    /// Assembles the tangent and the preconditioner at `x`; the residual becomes the elastic force. Returns the number of inverted elements.
+    /// Assembles the tangent at `x`; the residual becomes the elastic force. Returns the number of inverted elements.
     fn assemble(&mut self, membrane: Option<&Membrane>, convex: bool) -> usize {
         let weights = Inertia { added: &self.added, free: &self.free, convex };
         let (chunks, constants) = self.rows.split();
@@ -225,11 +212,26 @@ impl Newton {
                 inverted
             })
             .sum();
-        self.levels.prepare(&self.clusters, &self.rows, &self.x, weights, &self.forces);
         for (r, f) in self.gradients.residual.iter_mut().zip(&self.forces) {
             *r = f.elastic;
         }
         inverted as usize / 4
+    }
+
+    /// Makes the preconditioner for the tangent, and what contacts add to its diagonal.
+    fn prepare(&mut self, convex: bool) {
+        for (node, block) in &self.pins {
+            self.rows.chunks[*node as usize / CHUNK].pin(*node as usize % CHUNK, *block);
+        }
+        let weights = Inertia { added: &self.added, free: &self.free, convex };
+        self.levels.prepare(&self.clusters, &self.rows, &self.x, weights, &self.forces, &self.pins);
+    }
+
+    /// Takes what contacts added off the diagonal again.
+    fn unpin(&mut self) {
+        for (node, block) in &self.pins {
+            self.rows.chunks[*node as usize / CHUNK].pin(*node as usize % CHUNK, *block * -1.0);
+        }
     }
 
     /// Adds inertia and springs to the elastic forces that are in the residual.
@@ -246,22 +248,9 @@ impl Newton {
         }
     }
 
-    /// Moves a body that no node is fixed of as a whole by what truncation left of the balance of its linear momentum.
-    fn settle_momentum(&mut self, tissue: Tissue<'_>, inertia: f32) {
-        if self.free.iter().zip(&tissue.body.masses).any(|(free, mass)| !free && *mass > 0.0) {
-            return;
-        }
-        let left: DVec3 = self.gradients.residual.iter().map(|r| r.as_dvec3()).sum();
-        let mut against: f64 = tissue.body.masses.iter().map(|m| f64::from(m * inertia)).sum();
-        for spring in &self.springs {
-            against += f64::from(spring.stiffness * spring.point.iter().map(|(_, w)| w).sum::<f32>().powi(2));
-        }
-        if against > 0.0 {
-            let shift = (left / against).as_vec3a();
-            for (d, _) in self.gradients.solution.iter_mut().zip(&self.free).filter(|(_, free)| **free) {
-                *d += shift;
-            }
-        }
+    /// Whether a node of it is fixed.
+    fn is_fixed(&self, body: &Body) -> bool {
+        self.free.iter().zip(&body.masses).any(|(free, mass)| !free && *mass > 0.0)
     }
 
     /// Goes a part of the solution.
@@ -271,8 +260,8 @@ impl Newton {
         }
     }
 
-    /// Takes the residual to where the body now is.
-    fn look(&mut self, tissue: Tissue<'_>, inertia: f32) {
+    /// Takes the elastic forces, into the residual, to where the body now is.
+    fn look(&mut self, tissue: Tissue<'_>) {
         let (rows, x) = (&self.rows, &self.x);
         let constants = rows.constants();
         rows.chunks.par_iter().zip(self.gradients.residual.par_chunks_mut(CHUNK)).enumerate().with_min_len(GRAIN).for_each(
@@ -283,23 +272,6 @@ impl Newton {
                 }
             },
         );
-        self.balance(tissue, inertia);
-    }
-
-    /// Goes along the solution, less and less of it until the energy is lower than `before`; the energy there, if it got anywhere.
-    fn go_downhill(&mut self, tissue: Tissue<'_>, inertia: f32, before: f64) -> Option<f64> {
-        let mut part = 1.0;
-        self.go(part);
-        for _ in 0..HALVINGS {
-            let energy = self.energy(tissue, inertia);
-            if energy < before {
-                return Some(energy);
-            }
-            self.go(-part / 2.0);
-            part /= 2.0;
-        }
-        self.go(-part);
-        None
     }
 
     /// What a substep makes least, J.
@@ -315,4 +287,238 @@ impl Newton {
         let capsule = tissue.membrane.map_or(0.0, |m| m.energy_by(|n| self.x[n].as_dvec3()));
         elastic + capsule + (kinetic * f64::from(inertia) + springs) / 2.0
     }
+}
+
+/// Takes `x` of all bodies to the minimum. The first step is with the tangent that there is, when `tangent` says so.
+pub(crate) fn minimise(
+    parts: &mut [Part<'_>],
+    touches: &mut Touches,
+    weights: Weights,
+    care: Care,
+    tangent: Tangent,
+    stop: Stop,
+) -> Result<(), Astray> {
+    let most = match care {
+        Care::Usual => USUAL_STEPS,
+        Care::Downhill => CAREFUL_STEPS,
+    };
+    let most = if touches.is_empty() { most } else { most + TOUCHING_STEPS };
+    let mut before = 0.0;
+    let mut energy = None;
+    let mut convex = care == Care::Downhill;
+    let elements: usize = parts.iter().map(|p| p.tissue.body.elements.len()).sum();
+    match care {
+        Care::Usual => touches.look_ahead(parts),
+        Care::Downhill => {
+            touches.look(parts);
+            start_lower(parts, touches, weights);
+        }
+    }
+    let mut stale = true;
+    let mut recapped = false;
+    for round in 1..=most {
+        parts.iter_mut().for_each(|p| p.newton.rounds = round);
+        if round == 1 && tangent == Tangent::Kept {
+            look(parts, touches, weights);
+        } else if stale || touches.is_empty() || round % FRESH == 0 {
+            let inverted: usize = parts.iter_mut().map(|p| p.newton.assemble(p.tissue.membrane, convex)).sum();
+            if inverted * TANGLED > elements && care == Care::Usual {
+                return Err(Astray::Tangled);
+            }
+            touches.pin(parts);
+            parts.iter_mut().for_each(|p| p.newton.prepare(convex));
+            balance(parts, touches, weights);
+            stale = false;
+        } else {
+            // Of the tangent only the contacts' part is another.
+            parts.iter_mut().for_each(|p| p.newton.unpin());
+            touches.pin(parts);
+            parts.iter_mut().for_each(|p| p.newton.prepare(convex));
+        }
+        if round == 1 && care == Care::Usual && touches.push() {
+            // By what the bodies would do without contacts it is measured what is enough: the contacts may say anything where it is begun.
+            touches.add_forces(parts, -1.0);
+            before = with_equations(parts, |equations| size(equations, touches));
+            touches.add_forces(parts, 1.0);
+        }
+        // A contact that was not foreseen makes a residual of its own, a small part of which is still much.
+        let stop =
+            if before > 0.0 && touches.push() { Stop { most: before * FAIR, iterations: stop.iterations * STIFFER, ..stop } } else { stop };
+        let solved = with_equations(parts, |equations| solve(equations, touches, stop));
+        if before <= 0.0 {
+            before = solved.before;
+        }
+        parts.iter_mut().for_each(|p| p.newton.iterations += solved.iterations);
+        settle_momentum(parts, touches, weights);
+        if solved.iterations == 0 && !solved.negative {
+            break;
+        }
+        match care {
+            Care::Usual => {
+                if solved.negative {
+                    if round == most {
+                        return Err(Astray::Wild);
+                    }
+                    (convex, stale) = (true, true);
+                    continue;
+                }
+                let part = if touches.is_empty() { 1.0 } else { touches.part_of(parts, solved.gain) };
+                parts.iter_mut().for_each(|p| p.newton.go(part));
+                touches.look(parts);
+                look(parts, touches, weights);
+                let size = with_equations(parts, |equations| size(equations, touches));
+                let left = size / before;
+                let enough = if touches.push() { TOUCHING_ENOUGH } else { ENOUGH };
+                if left <= enough || size <= ROUNDING * stop.least {
+                    if recapped || !touches.recap() {
+                        break;
+                    }
+                    // Friction with the forces that there are now.
+                    recapped = true;
+                    touches.look(parts);
+                    look(parts, touches, weights);
+                }
+                let wild = if touches.push() { TOUCHING_WILD } else { WILD };
+                if round == most && (left > wild || left.is_nan()) {
+                    return Err(Astray::Wild);
+                }
+            }
+            Care::Downhill => {
+                let now = energy.unwrap_or_else(|| total_energy(parts, touches, weights));
+                let first = if touches.is_empty() { 1.0 } else { touches.part_of(parts, solved.gain) };
+                energy = go_downhill(parts, touches, weights, first, now);
+                if energy.is_none() {
+                    break;
+                }
+                if !touches.is_empty() {
+                    // Friction is capped by another force from here on.
+                    touches.look(parts);
+                    energy = None;
+                }
+            }
+        }
+    }
+    touches.look(parts);
+    if touches.bear() && !parts.iter().any(|p| p.newton.is_fixed(p.tissue.body)) {
+        look(parts, touches, weights);
+        let (mut left, mut mass) = (DVec3::ZERO, 0.0);
+        for Part { tissue, newton } in parts.iter() {
+            left += newton.gradients.residual.iter().map(|r| r.as_dvec3()).sum::<DVec3>();
+            mass += tissue.body.masses.iter().map(|m| f64::from(*m)).sum::<f64>();
+        }
+        let shift = touches.balance(parts, left, mass * f64::from(weights.inertia));
+        for newton in parts.iter_mut().map(|p| &mut *p.newton) {
+            for (x, _) in newton.x.iter_mut().zip(&newton.free).filter(|(_, free)| **free) {
+                *x += shift;
+            }
+        }
+        touches.look(parts);
+    }
+    Ok(())
+}
+
+/// Begins where the bodies' velocities lead, `target`, instead of where they are, if that is lower.
+fn start_lower(parts: &mut [Part<'_>], touches: &mut Touches, weights: Weights) {
+    if touches.is_empty() {
+        return;
+    }
+    let here = total_energy(parts, touches, weights);
+    let swap = |parts: &mut [Part<'_>]| {
+        for Part { newton, .. } in parts {
+            for (i, start) in newton.gradients.solution.iter_mut().enumerate().filter(|(i, _)| newton.free[*i]) {
+                std::mem::swap(start, &mut newton.x[i]);
+            }
+        }
+    };
+    for Part { newton, .. } in parts.iter_mut() {
+        let Newton { gradients, ahead, .. } = &mut **newton;
+        gradients.solution.copy_from_slice(ahead);
+    }
+    swap(parts);
+    touches.look(parts);
+    let there = total_energy(parts, touches, weights);
+    if there.is_nan() || there >= here {
+        swap(parts);
+        touches.look(parts);
+    }
+}
+
+/// Does something with the systems of all bodies.
+fn with_equations<T>(parts: &mut [Part<'_>], then: impl FnOnce(&mut [Equation<'_>]) -> T) -> T {
+    let mut equations: SmallVec<[Equation<'_>; 4]> = parts.iter_mut().map(|p| p.newton.equation()).collect();
+    then(&mut equations)
+}
+
+/// Takes the residuals to where the bodies now are.
+fn look(parts: &mut [Part<'_>], touches: &Touches, weights: Weights) {
+    parts.iter_mut().for_each(|p| p.newton.look(p.tissue));
+    balance(parts, touches, weights);
+}
+
+/// Adds everything that is not elastic to the elastic forces that are in the residuals.
+fn balance(parts: &mut [Part<'_>], touches: &Touches, weights: Weights) {
+    parts.iter_mut().for_each(|p| p.newton.balance(p.tissue, weights.inertia));
+    touches.add_forces(parts, 1.0);
+}
+
+/// Moves bodies that no node is fixed of all together by what truncation left of the balance of their linear momentum.
+fn settle_momentum(parts: &mut [Part<'_>], touches: &Touches, weights: Weights) {
+    if parts.iter().any(|p| p.newton.is_fixed(p.tissue.body)) {
+        return;
+    }
+    let Weights { inertia, drag, reach } = weights;
+    let mut left = DVec3::ZERO;
+    let mut against = 0.0_f64;
+    for Part { tissue, newton } in parts.iter() {
+        if let Some((from, drift)) = newton.drift {
+            // Drag takes nothing of the mean velocity, which is not what it was thought to be.
+            let (mut sum, mut mass) = (DVec3::ZERO, 0.0);
+            for (m, (x, d)) in tissue.body.masses.iter().zip(newton.x.iter().zip(&newton.gradients.solution)).filter(|(m, _)| **m > 0.0) {
+                sum += (*x + *d).as_dvec3() * f64::from(*m);
+                mass += f64::from(*m);
+            }
+            left += ((sum - from * mass) / f64::from(reach) - drift.as_dvec3() * mass) * f64::from(drag);
+        }
+        left += newton.gradients.residual.iter().map(|r| r.as_dvec3()).sum::<DVec3>();
+        against += tissue.body.masses.iter().map(|m| f64::from(m * inertia)).sum::<f64>();
+        for spring in &newton.springs {
+            against += f64::from(spring.stiffness * spring.point.iter().map(|(_, w)| w).sum::<f32>().powi(2));
+        }
+    }
+    if against <= 0.0 {
+        return;
+    }
+    let shift = if touches.push() {
+        let all = DMat3::from_diagonal(DVec3::splat(against)) + DMat3::from_cols_array(&touches.against().to_cols_array().map(f64::from));
+        (all.inverse() * left).as_vec3a()
+    } else {
+        (left / against).as_vec3a()
+    };
+    for Part { newton, .. } in parts {
+        for (d, _) in newton.gradients.solution.iter_mut().zip(&newton.free).filter(|(_, free)| **free) {
+            *d += shift;
+        }
+    }
+}
+
+/// Goes along the solution, `first` of it and less and less until the energy is lower than `before`; the energy there, if it got anywhere.
+fn go_downhill(parts: &mut [Part<'_>], touches: &Touches, weights: Weights, first: f32, before: f64) -> Option<f64> {
+    let go = |parts: &mut [Part<'_>], part: f32| parts.iter_mut().for_each(|p| p.newton.go(part));
+    let mut part = first;
+    go(parts, part);
+    for _ in 0..HALVINGS {
+        let energy = total_energy(parts, touches, weights);
+        if energy < before {
+            return Some(energy);
+        }
+        go(parts, -part / 2.0);
+        part /= 2.0;
+    }
+    go(parts, -part);
+    None
+}
+
+/// What a stage makes least, J.
+fn total_energy(parts: &[Part<'_>], touches: &Touches, weights: Weights) -> f64 {
+    parts.iter().map(|p| p.newton.energy(p.tissue, weights.inertia)).sum::<f64>() + touches.energy(parts)
 }

@@ -4,6 +4,7 @@ use crate::adopt::adopt;
 use crate::body::{Body, Momentum};
 use crate::guard::Guard;
 use crate::hold::Hold;
+use crate::island::{self, Member};
 use crate::model::ModelState;
 use crate::settings::TissueSettings;
 use bevy_app::prelude::*;
@@ -13,8 +14,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{NodeEdit, NodeId, TopologyDelta};
 use keyhole_whiteboard::tick::running;
 use keyhole_whiteboard::{
-    Anchor, Attachments, FragmentDetached, Gravity, InstrumentPose, OrganMaterials, SceneRequirements, TickSystems, TissueMesh,
-    TissueState, TopologyChanged,
+    Anchor, Attachments, Contacts, FragmentDetached, Gravity, InstrumentPose, Obstacle, OrganMaterials, Rigidified, SceneRequirements,
+    TickSystems, TissueMesh, TissueState, TopologyChanged,
 };
 use rayon::prelude::*;
 
@@ -175,7 +176,20 @@ fn inherit(donor: &TissueState, nodes: &[NodeId]) -> TissueState {
     }
 }
 
-/// Steps every organ that is not in quarantine. Organs are independent of each other, so they may run on any number of threads.
+/// An organ in its tick.
+struct Job<'a> {
+    organ: Entity,
+    /// The least of the organs that it touches, directly or by others.
+    island: Entity,
+    state: Mut<'a, TissueState>,
+    body: Mut<'a, TissueBody>,
+    contacts: Mut<'a, Contacts>,
+    holds: Vec<Hold>,
+    fault: Option<NodeId>,
+}
+
+/// Steps every organ that is not in quarantine. Those that touch each other are one job; jobs are independent of each other, so they may run on any number
+/// of threads.
 fn step_organs(
     mut commands: Commands,
     time: Res<Time<Fixed>>,
@@ -183,48 +197,98 @@ fn step_organs(
     settings: Res<TissueSettings>,
     mut report: ResMut<TissueReport>,
     tools: Query<&InstrumentPose>,
-    mut organs: Query<(Entity, &mut TissueState, &mut TissueBody, &Attachments), Without<Quarantined>>,
+    mut organs: Query<
+        (Entity, &mut TissueState, &mut TissueBody, &Attachments, &mut Contacts),
+        (Without<Quarantined>, Without<Rigidified>),
+    >,
 ) {
     let dt = time.timestep().as_secs_f32();
     let moving: Vec<(Vec3, Vec3)> =
         tools.iter().filter(|p| p.now != p.before).map(|p| (p.before.translation.into(), p.now.translation.into())).collect();
-    for (_, _, mut body, _) in &mut organs {
+    for (_, _, mut body, ..) in &mut organs {
         let near = body.body.sleeping_bounds().is_some_and(|bounds| moving.iter().any(|path| comes_near(*path, bounds)));
         if near {
             body.body.wake();
         }
     }
-    let mut jobs: Vec<_> = organs
+    let mut jobs: Vec<Job<'_>> = organs
         .iter_mut()
-        .map(|(organ, state, body, attachments)| {
+        .map(|(organ, state, body, attachments, contacts)| {
             let holds = resolve(attachments, &tools, &body.body);
-            (organ, state, body, holds)
+            Job { organ, island: organ, state, body, contacts, holds, fault: None }
         })
         .collect();
-    jobs.sort_unstable_by_key(|(organ, ..)| *organ);
-    let failures: Vec<Option<NodeId>> = jobs
-        .par_iter_mut()
-        .map(|(_, state, body, holds)| {
-            if body.body.is_asleep(state, holds, gravity.0) {
-                return None;
-            }
-            let TissueBody { body, model, guard } = &mut **body;
-            // What comes in broken is not stepped: what goes out would name the wrong node.
-            guard.check(state).or_else(|| {
-                model.step(body, state, holds, gravity.0, dt, &settings);
-                guard.check(state)
-            })
-        })
-        .collect();
-    for ((organ, ..), node) in jobs.iter().zip(failures) {
-        let Some(node) = node else { continue };
+    join(&mut jobs);
+    let islands: Vec<&mut [Job<'_>]> = jobs.chunk_by_mut(|a, b| a.island == b.island).collect();
+    islands.into_par_iter().for_each(|island| step_island(island, gravity.0, dt, &settings));
+    for Job { organ, fault, .. } in &jobs {
+        let Some(node) = fault else { continue };
         tracing::error!(
             "organ {organ}: node {} left the finite numbers; the organ is back at its last finite state and frozen. More substeps or a \
              softer material may help",
             node.0
         );
         report.quarantined.push(*organ);
-        commands.entity(*organ).insert(Quarantined { time_s: time.elapsed_secs_f64(), node });
+        commands.entity(*organ).insert(Quarantined { time_s: time.elapsed_secs_f64(), node: *node });
+    }
+}
+
+/// Brings organs that are to be solved together one after the other.
+fn join(jobs: &mut [Job<'_>]) {
+    jobs.sort_unstable_by_key(|job| job.organ);
+    let mut least: Vec<usize> = (0..jobs.len()).collect();
+    let root = |least: &[usize], mut at: usize| {
+        while least[at] != at {
+            at = least[at];
+        }
+        at
+    };
+    for (at, job) in jobs.iter().enumerate().filter(|(_, job)| job.body.model.is_solved_together()) {
+        for contact in &job.contacts.0 {
+            let Obstacle::Organ { organ, .. } = &contact.against else { continue };
+            let Ok(other) = jobs.binary_search_by_key(organ, |job| job.organ) else { continue };
+            if jobs[other].body.model.is_solved_together() {
+                let (a, b) = (root(&least, at), root(&least, other));
+                least[a.max(b)] = a.min(b);
+            }
+        }
+    }
+    let islands: Vec<Entity> = (0..jobs.len()).map(|at| jobs[root(&least, at)].organ).collect();
+    for (job, island) in jobs.iter_mut().zip(islands) {
+        job.island = island;
+    }
+    jobs.sort_by_key(|job| (job.island, job.organ));
+}
+
+/// Steps organs that touch each other.
+fn step_island(jobs: &mut [Job<'_>], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+    let rests = |job: &mut Job<'_>| {
+        let body = &mut job.body.bypass_change_detection().body;
+        body.rests(&job.state, &job.holds, &job.contacts.0, gravity)
+    };
+    if jobs.iter_mut().all(rests) {
+        for Job { body, contacts, .. } in jobs.iter_mut().filter(|job| !job.contacts.0.is_empty()) {
+            body.body.repeat_forces(&mut contacts.0);
+        }
+        return;
+    }
+    for Job { state, body, fault, .. } in &mut *jobs {
+        // What comes in broken is not stepped: what goes out would name the wrong node.
+        *fault = body.guard.check(state);
+    }
+    let mut members: Vec<Member<'_>> = Vec::new();
+    for Job { organ, state, body, contacts, holds, .. } in jobs.iter_mut().filter(|job| job.fault.is_none()) {
+        let TissueBody { body, model, .. } = &mut **body;
+        if model.is_solved_together() {
+            let membrane = model.membrane();
+            members.push(Member { organ: *organ, body, membrane, state, holds, contacts: &mut contacts.0 });
+        } else {
+            model.step_touching(body, state, holds, &mut contacts.0, gravity, dt, settings);
+        }
+    }
+    island::step(&mut members, gravity, dt, settings);
+    for Job { state, body, fault, .. } in jobs.iter_mut().filter(|job| job.fault.is_none()) {
+        *fault = body.guard.check(state);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::hold::Hold;
 use bevy_math::Vec3;
-use keyhole_whiteboard::TissueState;
+use keyhole_whiteboard::{Contact, TissueState};
 
 /// Root mean square of the speed below which a body is still, in edges of the cube of its volume a second. What it would still creep is about as many
 /// edges: 0.02 % of the sag of the beam of [`crate::beam`].
@@ -23,6 +23,8 @@ pub struct Sleep {
     holds: Vec<Hold>,
     gravity: Vec3,
     bounds: Option<(Vec3, Vec3)>,
+    /// What it touches: as the first tick of its sleep listed it.
+    contacts: Option<Vec<Contact>>,
 }
 
 impl Sleep {
@@ -47,24 +49,46 @@ impl Sleep {
         if self.asleep { self.bounds } else { None }
     }
 
-    /// Looks at a body after a tick of `dt` s: its kinetic energy (J), mass (kg) and size (m). One that has been still for long falls asleep:
-    /// its velocities become zero.
-    pub(crate) fn look(&mut self, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, kinetic: f64, mass: f64, size: f64) {
-        let moves = holds.iter().any(|h| h.from != h.to);
+    /// Whether it touches what it touched when it fell asleep, and nothing that moves: where it fell asleep with the last tick that is what it touches now.
+    pub(crate) fn touches_alike(&mut self, contacts: &[Contact]) -> bool {
+        if contacts.iter().any(|c| c.velocity_m_s != Vec3::ZERO) {
+            return false;
+        }
+        let alike = |a: &Contact, b: &Contact| Contact { force_n: Vec3::ZERO, ..a.clone() } == Contact { force_n: Vec3::ZERO, ..b.clone() };
+        let known = self.contacts.get_or_insert_with(|| contacts.to_vec());
+        known.len() == contacts.len() && known.iter().zip(contacts).all(|(a, b)| alike(a, b))
+    }
+
+    /// Looks at a body after a tick of `dt` s: its kinetic energy (J), mass (kg) and size (m), and whether something that moves pushes it. Whether it has been
+    /// still for long.
+    pub(crate) fn counts_as_still(
+        &mut self,
+        state: &TissueState,
+        holds: &[Hold],
+        pushed: bool,
+        dt: f32,
+        kinetic: f64,
+        mass: f64,
+        size: f64,
+    ) -> bool {
+        let moves = pushed || holds.iter().any(|h| h.from != h.to);
         let furthest = state.positions.iter().fold(Vec3::ZERO, |most, x| most.max(x.abs())).max_element();
         let slow = SLOW * size + ROUNDING * f64::from(f32::EPSILON * furthest / dt);
         // A comparison that a speed which is no number fails.
         let still = !moves && 2.0 * kinetic <= mass * slow * slow;
         if !still {
             self.wake();
-            return;
+            return false;
         }
         self.still_s += dt;
-        if self.still_s < LONG_S {
-            return;
-        }
+        self.still_s >= LONG_S
+    }
+
+    /// Lets a body fall asleep: its velocities become zero.
+    pub(crate) fn begin(&mut self, state: &mut TissueState, holds: &[Hold], gravity: Vec3) {
         state.velocities.fill(Vec3::ZERO);
         self.asleep = true;
+        self.contacts = None;
         self.gravity = gravity;
         self.holds.clear();
         self.holds.extend_from_slice(holds);

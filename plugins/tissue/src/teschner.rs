@@ -16,9 +16,10 @@ use crate::hold::Hold;
 use crate::material::{MaterialError, NeoHookean};
 use crate::membrane::Membrane;
 use crate::motion::{drift, driven, inverse_masses};
+use crate::press::Presses;
 use bevy_math::{DVec3, Vec3};
 use keyhole_tetmesh::{EDGES, NodeId, TetId, TetMesh, TopologyDelta};
-use keyhole_whiteboard::{OrganMaterials, TissueState};
+use keyhole_whiteboard::{Contact, OrganMaterials, TissueState};
 
 /// Settings of [`crate::TissueModel::Teschner`].
 ///
@@ -314,7 +315,7 @@ impl Teschner {
         forces
     }
 
-    /// Steps a body over one tick of `dt` s under gravity (m/s2) with this drag (1/s).
+    /// Steps a body over one tick of `dt` s under gravity (m/s2) with this drag (1/s), and writes the forces at its contacts down.
     pub fn step(
         &self,
         settings: &TeschnerSettings,
@@ -325,7 +326,9 @@ impl Teschner {
         gravity: Vec3,
         dt: f32,
         drag_1_s: f32,
+        contacts: &mut [Contact],
     ) {
+        let mut presses = Presses::new(body, contacts, |i| state.positions[i]);
         // The rest of a tick in even steps, as long as the stiffest volume lets them be.
         let next = |stiffest: f32, rest: f32| {
             let wanted = settings.step_s.unwrap_or_else(|| (settings.part_of_limit * self.limit_s / stiffest.sqrt()).max(dt / MOST_STEPS));
@@ -374,6 +377,16 @@ impl Teschner {
                     state.velocities[n.index()] += moved / h;
                 }
             }
+            if !presses.is_empty() {
+                let TissueState { positions, velocities } = &mut *state;
+                let place = std::cell::RefCell::new((positions, velocities));
+                let shift = |i: usize, by: Vec3| {
+                    let (positions, velocities) = &mut *place.borrow_mut();
+                    positions[i] += by;
+                    velocities[i] += by / h;
+                };
+                presses.push_out(h, s * dt, |i| (place.borrow().0[i], inverse[i]), shift);
+            }
             let stiffest = self.forces(state, membrane, settings.damping * h, &mut forces);
             if !stiffest.is_finite() {
                 return;
@@ -382,5 +395,6 @@ impl Teschner {
             kick(state, &forces, (h + after) / 2.0);
             (h, rest) = (after, left);
         }
+        presses.write(contacts, dt);
     }
 }

@@ -16,9 +16,11 @@ use crate::lanes_crew::Crew;
 use crate::lanes_rows::Rows;
 use crate::membrane::Membrane;
 use crate::motion::{Fall, Nodes, Row, Shared};
+use crate::press::Presses;
 use bevy_math::{Mat3, Vec3};
 use keyhole_tetmesh::{NodeEdit, NodeId, TetId, TetMesh, TopologyDelta};
-use keyhole_whiteboard::TissueState;
+use keyhole_whiteboard::{Contact, TissueState};
+use std::sync::{Mutex, PoisonError};
 
 /// Settings of [`crate::TissueModel::Vbd`].
 ///
@@ -106,7 +108,7 @@ impl Vbd {
         self.corners[tet.index()] = corners.map(|n| n.0);
     }
 
-    /// Steps a body over one tick of `dt` s under gravity (m/s2) with this drag (1/s).
+    /// Steps a body over one tick of `dt` s under gravity (m/s2) with this drag (1/s), and writes the forces at its contacts down.
     pub fn step(
         &mut self,
         settings: &VbdSettings,
@@ -117,9 +119,12 @@ impl Vbd {
         gravity: Vec3,
         dt: f32,
         drag_1_s: f32,
+        contacts: &mut [Contact],
     ) {
         let Self { rows, earlier, nodes, goals, crew, pulled, .. } = self;
         nodes.load(body.masses(), state, holds);
+        nodes.free &= contacts.is_empty();
+        let presses = Mutex::new(Presses::new(body, contacts, |i| nodes.at.point(i)));
         earlier.resize(state.positions.len(), Vec3::ZERO);
         goals.resize(state.positions.len());
         pulled.clear();
@@ -127,6 +132,7 @@ impl Vbd {
             pulled.extend(hold.point.iter().map(|(node, weight)| (node.0, i as u32, *weight)));
         }
         pulled.sort_unstable_by_key(|(node, hold, _)| (*node, *hold));
+        let touched = !contacts.is_empty();
         let count = nodes.rows();
         for r in 0..count {
             let row = &mut *nodes.row(r);
@@ -147,7 +153,7 @@ impl Vbd {
             0 => usize::from(free),
             1 => count,
             k if k == period - 1 => count,
-            k if k == period - 2 => usize::from(free),
+            k if k == period - 2 => usize::from(free || touched),
             k => match (k - 2) % sweep {
                 c if c < colours => rows.parts(c),
                 c if c == colours => usize::from(!pulled.is_empty()),
@@ -168,6 +174,9 @@ impl Vbd {
                     let gap = |row: &Row, i: usize| nodes.at.point(row.first + i) - goals.point(row.first + i);
                     (0..count).for_each(|r| Nodes::sum(&mut nodes.row(r), tick.masses, gap));
                     nodes.average();
+                    let place = |i: usize| (nodes.at.point(i), nodes.at.get(i)[3]);
+                    let shift = |i: usize, by| nodes.at.place(i, nodes.at.point(i) + by);
+                    presses.lock().unwrap_or_else(PoisonError::into_inner).push_out(h, s * dt, place, shift);
                 }
                 k => match ((k - 2) / sweep, (k - 2) % sweep) {
                     (_, c) if c < colours => rows.sweep(c, i, &tick, near),
@@ -187,6 +196,7 @@ impl Vbd {
             earlier[row.first..row.first + row.velocity.len()].copy_from_slice(&row.extra[EARLIER]);
         }
         nodes.store(state);
+        presses.into_inner().unwrap_or_else(PoisonError::into_inner).write(contacts, dt);
     }
 }
 

@@ -18,9 +18,11 @@ use crate::lanes_blocks::Blocks;
 use crate::lanes_crew::Crew;
 use crate::membrane::{Membrane, Triangle};
 use crate::motion::{Fall, Nodes, Shared};
+use crate::press::Presses;
 use bevy_math::Vec3;
 use keyhole_tetmesh::{TetMesh, TopologyDelta};
-use keyhole_whiteboard::TissueState;
+use keyhole_whiteboard::{Contact, TissueState};
+use std::sync::{Mutex, PoisonError};
 
 /// What holds an element in shape.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -71,7 +73,7 @@ impl Xpbd {
 /// Elements of a body that are worth a second thread, and a further one each.
 const WORTH: usize = 2000;
 
-/// Steps a body and its membrane over one tick of `dt` s under gravity (m/s2) with this drag (1/s).
+/// Steps a body and its membrane over one tick of `dt` s under gravity (m/s2) with this drag (1/s), and writes the forces at its contacts down.
 pub fn step_with(
     settings: &XpbdSettings,
     body: &mut Body,
@@ -81,6 +83,7 @@ pub fn step_with(
     gravity: Vec3,
     dt: f32,
     drag_1_s: f32,
+    contacts: &mut [Contact],
 ) {
     let n = settings.substeps.max(1) as usize;
     let h = dt / n as f32;
@@ -91,7 +94,8 @@ pub fn step_with(
         None => Box::new(Blocks::new(&body.elements, &body.colouring, settings.constraints)),
     };
     nodes.load(&body.masses, state, holds);
-    let alone = membrane.is_some() || holds.iter().any(|hold| hold.fixes().is_none());
+    let presses = Mutex::new(Presses::new(body, contacts, |i| nodes.at.point(i)));
+    let alone = !contacts.is_empty() || membrane.is_some() || holds.iter().any(|hold| hold.fixes().is_none());
     let (colours, rows) = (blocks.colours(), nodes.rows());
     // A substep: the sums for the drift, the nodes, the elements by colour, and what one thread does alone. After the last one the nodes once more.
     let period = colours + 3;
@@ -134,12 +138,16 @@ pub fn step_with(
                 for hold in holds.iter().filter(|hold| hold.fixes().is_none()) {
                     nodes.pull(hold, s, h);
                 }
+                let place = |i: usize| (nodes.at.point(i), nodes.at.get(i)[3]);
+                let shift = |i: usize, by| nodes.at.place(i, nodes.at.point(i) + by);
+                presses.lock().unwrap_or_else(PoisonError::into_inner).push_out(h, s * dt, place, shift);
             }
             k => blocks.solve(k - 2, i, h, &nodes.at, near),
         }
     };
     crew.run(workers, n * period + 2, tasks, task);
     nodes.store(state);
+    presses.into_inner().unwrap_or_else(PoisonError::into_inner).write(contacts, dt);
     body.xpbd = Xpbd { blocks: Some(blocks), nodes, crew };
 }
 

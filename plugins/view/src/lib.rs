@@ -16,7 +16,6 @@ pub mod materials;
 pub mod optics;
 pub mod orbit;
 pub mod organs;
-pub mod outer;
 pub mod pictures;
 pub mod plugin;
 pub mod sheet;
@@ -28,6 +27,7 @@ pub mod tools;
 
 pub use adapter::{AdapterError, adapter_available, display_available};
 pub use fairing::FairingSettings;
+pub use keyhole_tetmesh::outer;
 pub use pictures::{PictureError, PictureErrors, PictureOf, PictureRequest, PictureRequests, PicturesPending, take_pictures};
 pub use plugin::ViewPlugin;
 pub use smoothing::MotionSettings;

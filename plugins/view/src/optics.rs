@@ -16,17 +16,10 @@ pub const BARREL_DISTORTION: f32 = 0.12;
 /// Diameter of the round picture as a fraction of the height of the view.
 pub const MASK_DIAMETER: f32 = 0.97;
 
-/// Where the endoscope looks from and to: origin at the tip, -Z along the direction of view, Y up in the picture.
-///
-/// The prism bends the view by the direction of view towards -Y of the shaft's frame; rolling the scope by `roll` turns the prism about
-/// the shaft, and with it the picture, which the camera head turns back by the same angle: `Rz(roll) Rx(-view) Rz(-roll)`. Hence the view
-/// orbits and the horizon stays: exactly at quarter turns, and in between within an angle of tangent `(1 - cos view) / (2 sqrt(cos view))`,
-/// 4.1 degrees for a scope of 30.
+/// Where the endoscope looks from and to: [`Endoscope::eye_pose`].
 #[must_use]
 pub fn eye_pose(endoscope: &Endoscope) -> Isometry3d {
-    let roll = Quat::from_rotation_z(endoscope.roll_rad);
-    let bend = Quat::from_rotation_x(-endoscope.direction_of_view_rad);
-    Isometry3d::new(endoscope.pose.translation, endoscope.pose.rotation * roll * bend * roll.inverse())
+    endoscope.eye_pose()
 }
 
 /// The lens of a camera that looks through the endoscope.

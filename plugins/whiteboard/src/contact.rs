@@ -74,7 +74,43 @@ impl Contacts {
     }
 }
 
-/// A closed surface of anatomy that cannot deform, in the world: solid inside. Written by the scene.
+/// Where a part of an instrument is against another instrument or against anatomy, or near it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ToolTouch {
+    /// The instrument's point at the end of the tick, m.
+    pub point: Vec3,
+    /// Unit vector from the obstacle to the instrument: the way out.
+    pub normal: Vec3,
+    /// How far the point is behind the obstacle's surface along the normal, m; negative while it is still outside. Of two instruments each lists
+    /// the same, from its side: one that gives way gives half.
+    pub depth_m: f32,
+    /// Anatomy or another instrument.
+    pub against: Obstacle,
+}
+
+/// What the rigid parts of an instrument are against besides tissue, at the end of the tick. Written by collision in each tick; an instrument that
+/// collision does not look at has none.
+#[derive(Component, Clone, Debug, Default, PartialEq)]
+pub struct ToolContacts {
+    /// All that is near, in an order that depends on nothing but the state of the scene.
+    pub near: Vec<ToolTouch>,
+    /// The instruments and the anatomy that are touched now, ascending.
+    pub touching: Vec<Entity>,
+    /// How often a touch has begun since the scene started.
+    pub begun: u64,
+}
+
+/// An instrument has begun to touch another one, or anatomy. Written by collision; two instruments write one each.
+#[derive(Message, Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ToolTouched {
+    /// The instrument.
+    pub instrument: Entity,
+    /// What it touches.
+    pub against: Entity,
+}
+
+/// A surface of anatomy that cannot deform, in the world: solid behind it. Closed, or open, as a piece of the abdominal wall: then it ends at its border.
+/// Written by the scene.
 #[derive(Component, Clone, Debug, Default, PartialEq)]
 pub struct StaticSurface {
     /// Vertices, m.

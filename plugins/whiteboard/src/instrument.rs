@@ -152,6 +152,21 @@ pub struct Endoscope {
     pub roll_rad: f32,
 }
 
+impl Endoscope {
+    /// Where the endoscope looks from and to: origin at the tip, -Z along the direction of view, Y up in the picture.
+    ///
+    /// The prism bends the view by the direction of view towards -Y of the shaft's frame; rolling the scope by `roll` turns the prism about
+    /// the shaft, and with it the picture, which the camera head turns back by the same angle: `Rz(roll) Rx(-view) Rz(-roll)`. Hence the view
+    /// orbits and the horizon stays: exactly at quarter turns, and in between within an angle of tangent `(1 - cos view) / (2 sqrt(cos view))`,
+    /// 4.1 degrees for a scope of 30.
+    #[must_use]
+    pub fn eye_pose(&self) -> Isometry3d {
+        let roll = Quat::from_rotation_z(self.roll_rad);
+        let bend = Quat::from_rotation_x(-self.direction_of_view_rad);
+        Isometry3d::new(self.pose.translation, self.pose.rotation * roll * bend * roll.inverse())
+    }
+}
+
 /// A triangle mesh as plain data, in the frame of an instrument, m.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PartMesh {

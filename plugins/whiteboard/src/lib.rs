@@ -9,20 +9,25 @@ pub mod contact;
 pub mod control;
 pub mod cutting;
 pub mod device;
+pub mod gesture;
 pub mod grasp;
+pub mod input;
 pub mod instrument;
 pub mod organ;
 pub mod rigid;
 pub mod scene;
+pub mod suture;
 pub mod tick;
 
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
 pub use clip::{BleedReport, BleedSite, Clip, ClipApplier, ClipPair, ClipReport, ClipShape, Vessel, VesselEnd};
-pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction};
+pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction, ToolContacts, ToolTouch, ToolTouched};
 pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
 pub use device::{AxisInput, DeviceCondition, DeviceHand, DeviceHands, DeviceReport, DeviceStatus, ToolForce};
+pub use gesture::GestureSystems;
 pub use grasp::{Grasp, JawPads};
+pub use input::{HandInput, Moved, ScriptClock};
 pub use instrument::{
     Blade, CutTrigger, CuttingLine, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, LineShape, PartMesh, Port,
     ToolModel, ToolPart,
@@ -30,4 +35,5 @@ pub use instrument::{
 pub use organ::{Anatomy, FragmentDetached, FreedFrom, Organ, OrganMaterial, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
 pub use rigid::{HeldBy, RigidBody, RigidFragments, RigidMass, RigidPose, RigidQuarantined, RigidReport, RigidShape, Rigidified};
 pub use scene::{Gravity, SceneRequirements};
+pub use suture::{Bite, Bites, Hole, HoleKind, Knot, Knots, Needle, NeedleGrip, TearResistance, Thread, ThreadGrip, TornBite};
 pub use tick::{SenseSystems, TickCost, TickSystems, WhiteboardPlugin};

@@ -122,13 +122,13 @@ pub struct FreedFrom {
     pub time_s: f64,
 }
 
-/// Anatomy that cannot deform and is only seen: a surface in a glTF file. Written by the scene.
+/// Anatomy that cannot deform, as it is seen. Written by the scene.
 #[derive(Component, Clone, Debug, PartialEq)]
 pub struct Anatomy {
     /// Name for the HUD.
     pub name: String,
-    /// Path of the glTF file.
-    pub path: std::path::PathBuf,
+    /// The surface in the frame of the entity; without normals, edges between flat faces are seen as edges.
+    pub surface: crate::PartMesh,
     /// Linear RGB.
     pub colour: [f32; 3],
 }

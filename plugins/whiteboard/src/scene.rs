@@ -26,6 +26,10 @@ pub struct SceneRequirements {
     pub collision: bool,
     /// There is something rigid, or there may be: clips that can drop, a needle, fragments that become rigid.
     pub rigid: bool,
+    /// There is a needle.
+    pub suturing: bool,
+    /// There is a hand, or a view, to be measured.
+    pub assessment: bool,
     /// There is a clip applier, or a vessel that can bleed. What is dropped falls only where rigid is required too.
     pub clipping: bool,
 }
@@ -55,6 +59,12 @@ impl SceneRequirements {
         requirements.rigid
     }
 
+    /// Run condition of suturing.
+    #[must_use]
+    pub fn suturing(requirements: Res<Self>) -> bool {
+        requirements.suturing
+    }
+
     /// Run condition of clipping.
     #[must_use]
     pub fn clipping(requirements: Res<Self>) -> bool {
@@ -65,5 +75,11 @@ impl SceneRequirements {
     #[must_use]
     pub fn instruments(requirements: Res<Self>) -> bool {
         requirements.instruments
+    }
+
+    /// Run condition of assessment.
+    #[must_use]
+    pub fn assessment(requirements: Res<Self>) -> bool {
+        requirements.assessment
     }
 }

@@ -43,6 +43,8 @@ impl TickSystems {
 pub enum SenseSystems {
     /// What the devices say is put up.
     Devices,
+    /// Everything from outside is known: it is recorded, or replaced by a recording.
+    Inputs,
     /// Hands and script move the instruments.
     Hands,
 }
@@ -101,7 +103,8 @@ impl Plugin for WhiteboardPlugin {
                 schedule.set_build_settings(ScheduleBuildSettings { ambiguity_detection: LogLevel::Error, ..Default::default() });
                 use TickSystems::{Adopt, Assess, Collide, Cut, Gesture, Publish, Rigid, Sense, Tissue};
                 schedule.configure_sets((Sense, Gesture, Cut, Adopt, Collide, Tissue, Rigid, Assess, Publish).chain().run_if(running));
-                schedule.configure_sets((SenseSystems::Devices, SenseSystems::Hands).chain().in_set(Sense));
+                schedule.configure_sets((SenseSystems::Devices, SenseSystems::Inputs, SenseSystems::Hands).chain().in_set(Sense));
+                crate::gesture::order(schedule);
             })
             .add_systems(FixedUpdate, start_tick.before(TickSystems::Sense).run_if(running))
             .add_systems(FixedUpdate, end_tick.after(TickSystems::Publish).run_if(running));

@@ -60,7 +60,15 @@ proptest! {
         for (i, tet) in removed.iter().map(|t| keyhole_tetmesh::TetId(*t)).enumerate() {
             let (corners, attributes) = (mesh.corners(tet), mesh.tet(tet));
             mesh.remove_tet(tet);
-            if i % 3 == 0 {
+            if i % 4 == 1 {
+                // Four come in its place, and one of their corners is moved after that.
+                let middle = corners.iter().map(|n| mesh.rest(*n)).sum::<DVec3>() / 4.0;
+                let apex = mesh.add_node(middle, corners.iter().map(|n| (*n, 0.25)).collect());
+                for k in 0..4 {
+                    mesh.add_tet(std::array::from_fn(|c| if c == k { apex } else { corners[c] }), attributes);
+                }
+                mesh.move_node(corners[0], mesh.rest(corners[0]).lerp(middle, 0.1), [(corners[0], 0.9), (apex, 0.1)].into_iter().collect());
+            } else if i % 3 == 0 {
                 // The tetrahedron comes back with a corner of its own.
                 let apex = mesh.split_node(corners[3]);
                 mesh.add_tet([corners[0], corners[1], corners[2], apex], attributes);
@@ -70,6 +78,11 @@ proptest! {
                 shape.update(&mesh, &delta);
             }
         }
+        let delta = mesh.take_delta();
+        shape.update(&mesh, &delta);
+        // Nodes that nothing holds any more go with the next cut.
+        let lonely: Vec<_> = mesh.nodes().filter(|n| mesh.topology().around_node(*n).is_empty()).collect();
+        lonely.into_iter().for_each(|n| mesh.remove_node(n));
         let delta = mesh.take_delta();
         shape.update(&mesh, &delta);
         prop_assert_eq!(shape, Shape::of(&mesh));

@@ -3,6 +3,8 @@
 
 mod depths;
 mod detection;
+mod folds;
 mod meshes;
 mod obstacles;
 mod tick;
+mod tools;

@@ -16,7 +16,7 @@ fn entity() -> Entity {
 
 fn party<'a>(thing: &'a Thing, velocities: &'a [Vec3]) -> Party<'a> {
     let Thing { mesh, shape, positions } = thing;
-    Party { organ: entity(), topology: mesh.topology(), shape, positions, velocities, friction: 0.1, self_collision: false }
+    Party { organ: entity(), topology: mesh.topology(), shape, positions, velocities, friction: 0.1 }
 }
 
 fn point(thing: &Thing, contact: &Contact) -> Vec3 {
@@ -137,6 +137,26 @@ fn a_cavity_is_free_inside_and_solid_outside() {
     assert_eq!(cavity.nearest(Vec3::new(0.0, -0.2, 0.0), 0.01), None, "too far to tell");
 }
 
+/// A sheet of 5 x 5 squares, as a piece of the abdominal wall: solid behind it, and nothing beside it.
+#[test]
+fn an_open_surface_is_solid_behind_and_ends_at_its_border() {
+    let vertices = (0..36).map(|i| Vec3::new((i % 6) as f32 * 0.02 - 0.05, 0.0, (i / 6) as f32 * 0.02 - 0.05)).collect();
+    let square = |i: u32| {
+        let a = i / 5 * 6 + i % 5;
+        [[a, a + 6, a + 1], [a + 1, a + 6, a + 7]]
+    };
+    let sheet = SolidSurface::new(&StaticSurface { vertices, triangles: (0..25).flat_map(square).collect() }).unwrap();
+    for (x, z) in [(0.0, 0.0), (0.013, -0.049), (-0.03, 0.03), (0.01, 0.01)] {
+        for y in [-0.004_f32, 0.003] {
+            let nearest = sheet.nearest(Vec3::new(x, y, z), 0.01).unwrap();
+            assert!((nearest.distance_m - y).abs() < 1e-6 && (nearest.normal - Vec3::Y).length() < 1e-4, "{nearest:?}");
+        }
+    }
+    for beside in [Vec3::new(0.052, -0.001, 0.0), Vec3::new(-0.05, 0.001, 0.056), Vec3::new(0.051, -0.001, 0.051)] {
+        assert_eq!(sheet.nearest(beside, 0.01), None, "{beside}");
+    }
+}
+
 #[test]
 fn a_surface_that_is_none_says_why() {
     let mut broken = cube(true);
@@ -146,5 +166,5 @@ fn a_surface_that_is_none_says_why() {
     assert!(matches!(SolidSurface::new(&broken), Err(AnatomyError::NotFinite(2))));
     let mut turned = cube(true);
     turned.triangles[5].swap(0, 1);
-    assert!(matches!(SolidSurface::new(&turned), Err(AnatomyError::NotClosed(..))));
+    assert!(matches!(SolidSurface::new(&turned), Err(AnatomyError::NoSurface(..))));
 }

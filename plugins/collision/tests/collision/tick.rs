@@ -8,8 +8,9 @@ use bevy_time::{Fixed, Time, TimePlugin, TimeUpdateStrategy};
 use keyhole_collision::CollisionPlugin;
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_whiteboard::{
-    Contact, Contacts, Instrument, InstrumentKind, InstrumentPose, Obstacle, Organ, SceneRequirements, TissueMesh, TissueState, ToolModel,
-    TopologyChanged, WhiteboardPlugin,
+    Blade, Contact, Contacts, CutTrigger, CuttingLine, Instrument, InstrumentKind, InstrumentPose, Joint, LineShape, Obstacle, Organ,
+    PartMesh, SceneRequirements, StaticSurface, TissueMesh, TissueState, ToolContacts, ToolModel, ToolPart, TopologyChanged,
+    WhiteboardPlugin,
 };
 
 fn app() -> App {
@@ -109,5 +110,76 @@ fn the_faces_of_a_fresh_cut_do_not_collide_until_they_have_parted() {
     for c in found {
         let Obstacle::Own(_) = c.against else { panic!("{c:?}") };
         assert!(c.normal.x.abs() > 0.99 && (c.depth_m - 0.0004).abs() < 2e-5, "{c:?}");
+    }
+}
+
+/// A scalpel in an organ: while it cuts the blade touches nothing and the shaft goes on to do so; while it does not both do.
+#[test]
+fn a_blade_that_cuts_makes_no_contacts_but_its_shaft_does() {
+    let mut app = app();
+    let organ = organ(&mut app, block([6, 4, 6], [0.06, 0.04, 0.06]), Vec3::ZERO);
+    let kind = Instrument { kind: InstrumentKind::Scalpel, name: "scalpel".into(), shaft_length_m: 0.3, shaft_radius_m: 0.0025 };
+    let vertices = (0..8).map(|i| [0.001 * (i & 1) as f32, 0.003 * (i >> 1 & 1) as f32, -0.014 * (i >> 2) as f32]).collect();
+    let blade =
+        ToolPart { name: "blade", mesh: PartMesh { vertices, ..Default::default() }, joint: Joint::Fixed, colour: [1.0; 3], metallic: 1.0 };
+    let (tip, heel) = (Vec3::Z * -0.014, Vec3::ZERO);
+    let line = CuttingLine { line: LineShape::Edge { tip, heel }, trigger: CutTrigger::Pedal, kerf_m: 0.0 };
+    // Along X through the organ's side: the shaft's end is 5 mm inside, the blade further in.
+    let at = Isometry3d::new(Vec3::new(0.055, 0.021, 0.029), bevy_math::Quat::from_rotation_y(std::f32::consts::FRAC_PI_2));
+    let tool = app.world_mut().spawn((kind, ToolModel { parts: vec![blade] }, line, InstrumentPose { now: at, before: at })).id();
+    let mut further_in = |active: bool| {
+        app.world_mut().get_mut::<Blade>(tool).unwrap().active = active;
+        app.update();
+        let list = contacts(&app, organ);
+        assert!(list.iter().all(|c| c.against == Obstacle::Instrument(tool)));
+        (
+            list.len(),
+            list.iter().filter(|c| c.surface_m.x < 0.0525 && c.surface_m.x > 0.041 && c.surface_m.y > 0.0 && c.surface_m.y < 0.05).count(),
+        )
+    };
+    let (idle, _) = further_in(false);
+    let (cutting, _) = further_in(true);
+    assert!(0 < cutting && cutting < idle, "{cutting} contacts while it cuts, {idle} while it does not");
+}
+
+/// An instrument comes down on another one and on anatomy: both are listed while near, and a touch that lasts is counted once.
+#[test]
+fn instruments_that_meet_are_listed_and_counted() {
+    let mut app = app();
+    organ(&mut app, block([1; 3], [0.01; 3]), Vec3::Y * -1.0);
+    let spawn = |app: &mut App, at: Isometry3d| {
+        let shaft = Instrument { kind: InstrumentKind::Grasper, name: "grasper".into(), shaft_length_m: 0.3, shaft_radius_m: 0.0025 };
+        app.world_mut().spawn((shaft, ToolModel::default(), InstrumentPose { now: at, before: at })).id()
+    };
+    let high = |y: f32| Isometry3d::from_translation(Vec3::new(0.0, y, -0.15));
+    let across = Isometry3d::new(Vec3::new(-0.15, 0.0, 0.0), bevy_math::Quat::from_rotation_y(std::f32::consts::FRAC_PI_2));
+    let (moving, still) = (spawn(&mut app, high(0.05)), spawn(&mut app, across));
+    let vertices = vec![Vec3::new(-1.0, -0.01, -1.0), Vec3::new(1.0, -0.01, -1.0), Vec3::new(0.0, -0.01, 1.0), Vec3::new(0.0, -0.5, 0.0)];
+    let triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+    let wall = app.world_mut().spawn(StaticSurface { vertices, triangles }).id();
+    let mut place = |y: f32| {
+        let mut pose = app.world_mut().get_mut::<InstrumentPose>(moving).unwrap();
+        *pose = InstrumentPose { before: pose.now, now: high(y) };
+        app.update();
+        let [a, b] = [moving, still].map(|t| app.world().get::<ToolContacts>(t).unwrap().clone());
+        assert_eq!(a.touching.contains(&still), b.touching.contains(&moving));
+        (a, b.begun)
+    };
+    let (first, _) = place(0.05);
+    assert!(first.near.is_empty() && first.touching.is_empty() && first.begun == 0);
+    let (near, _) = place(0.00505);
+    assert_eq!((near.touching.clone(), near.begun), (vec![still], 1));
+    for _ in 0..3 {
+        let (lasting, other) = place(0.00515);
+        assert_eq!((lasting.begun, other), (1, 1), "a touch that lasts");
+    }
+    assert!(place(0.02).0.touching.is_empty());
+    // Through the other shaft and into the wall within a tick: it belongs above both.
+    let (both, _) = place(-0.02);
+    assert_eq!(both.begun, 3);
+    for against in [Obstacle::Instrument(still), Obstacle::Anatomy(wall)] {
+        let deepest = both.near.iter().filter(|t| t.against == against).map(|t| (t.depth_m, t.normal.y)).max_by(|a, b| a.0.total_cmp(&b.0));
+        let expected = if against == Obstacle::Anatomy(wall) { 0.0125 } else { 0.025 };
+        assert!(deepest.is_some_and(|(d, up)| (d - expected).abs() < 2e-4 && up > 0.99), "{deepest:?} {against:?}");
     }
 }

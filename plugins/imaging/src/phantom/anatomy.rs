@@ -40,7 +40,8 @@ pub fn abdomen() -> Vec<Structure> {
         structure(8, "spine", 400.0, [0.80, 0.74, 0.60], Box::new(spine())),
         structure(9, "coronaries", 320.0, [0.70, 0.04, 0.03], Box::new(coronaries())),
         structure(10, "heart", 120.0, [0.50, 0.08, 0.07], Box::new(heart())),
-        structure(11, "body", -80.0, [0.85, 0.62, 0.50], Box::new(body())),
+        structure(11, "abdominal_wall", 55.0, [0.62, 0.24, 0.18], Box::new(abdominal_wall())),
+        structure(12, "body", -80.0, [0.85, 0.62, 0.50], Box::new(body())),
     ]
 }
 
@@ -242,6 +243,30 @@ fn coronaries() -> Union {
         tube(&fine)
     });
     union(tubes.collect(), 1.0)
+}
+
+/// The wall of the peritoneal cavity below the left kidney of somebody who sits and leans forward: an ellipsoidal shell of 12 mm, cut off level.
+fn abdominal_wall() -> impl Shape {
+    let (centre, inner) = (DVec3::new(9.0, -32.0, 1.0), DVec3::new(100.0, 85.0, 115.0));
+    let shell = Difference { of: Ellipsoid::new(centre, inner + 12.0), without: Ellipsoid::new(centre, inner), blend: 1e-3 };
+    Below { of: shell, down: DVec3::new(0.299, -0.576, -0.761).normalize(), level: 65.0 }
+}
+
+/// What of a shape lies below a level, mm along a unit vector.
+struct Below<S> {
+    of: S,
+    down: DVec3,
+    level: f64,
+}
+
+impl<S: Shape> Shape for Below<S> {
+    fn distance(&self, p: DVec3) -> f64 {
+        self.of.distance(p).max(self.level - self.down.dot(p))
+    }
+
+    fn bounds(&self) -> (DVec3, DVec3) {
+        self.of.bounds()
+    }
 }
 
 /// The skin: an oval trunk.

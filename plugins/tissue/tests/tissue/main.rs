@@ -5,7 +5,9 @@
 mod capsule;
 mod chosen;
 mod common;
+mod contact;
 mod dynamics;
+mod finder;
 mod models;
 mod reference;
 mod statics;

@@ -4,8 +4,10 @@
 //! boundary faces are kept by that index; a boundary face is skin when it lies in one of the planes of its own original tetrahedron.
 //! Both looks are local, and a fragment uses the table of the organ that it was freed from.
 
-use bevy::math::DVec3;
-use keyhole_tetmesh::{FACES, TetId, TetMesh};
+use crate::ids::TetId;
+use crate::mesh::TetMesh;
+use crate::topology::FACES;
+use glam::DVec3;
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
@@ -76,13 +78,32 @@ fn face_points(mesh: &TetMesh, tet: TetId, face: usize) -> [DVec3; 3] {
 #[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 mod tests {
     use super::*;
-    use crate::testing::block;
-    use keyhole_tetmesh::{NodeId, Tet};
+    use crate::{NodeId, Tet};
     use smallvec::smallvec;
+
+    /// A cube of cubes with five tetrahedra each, edges of `edge` m; odd cubes are mirrored so that the diagonals of shared faces agree.
+    fn block(cells: usize, edge: f64) -> TetMesh {
+        let n = cells + 1;
+        let id = |[i, j, k]: [usize; 3]| (i + n * (j + n * k)) as u32;
+        let nodes: Vec<DVec3> = (0..n * n * n).map(|c| DVec3::new((c % n) as f64, (c / n % n) as f64, (c / n / n) as f64) * edge).collect();
+        let mut tets = Vec::new();
+        for [i, j, k] in (0..cells.pow(3)).map(|c| [c % cells, c / cells % cells, c / cells / cells]) {
+            for five in [[0, 1, 2, 4], [3, 1, 7, 2], [5, 1, 4, 7], [6, 2, 7, 4], [1, 2, 4, 7]] {
+                let mirrored: [usize; 4] = if (i + j + k) % 2 == 0 { five } else { five.map(|b| b ^ 1) };
+                let mut tet = mirrored.map(|b| id([i + (b & 1), j + (b >> 1 & 1), k + (b >> 2 & 1)]));
+                let [a, b, c, d] = tet.map(|n| nodes[n as usize]);
+                if (b - a).dot((c - a).cross(d - a)) < 0.0 {
+                    tet.swap(2, 3);
+                }
+                tets.push(tet);
+            }
+        }
+        TetMesh::new(nodes, &tets, &[])
+    }
 
     #[test]
     fn every_boundary_face_of_a_new_organ_is_skin() {
-        let mesh = block([2, 2, 2], 0.01);
+        let mesh = block(2, 0.01);
         let planes = OuterPlanes::of(&mesh);
         for (tet, _) in mesh.iter() {
             for face in 0..4 {
@@ -95,7 +116,7 @@ mod tests {
     /// plane has only surface nodes and points on such edges, yet is not skin.
     #[test]
     fn a_cut_between_surface_nodes_is_inside() {
-        let mut mesh = block([1, 1, 1], 0.01);
+        let mut mesh = block(1, 0.01);
         let planes = OuterPlanes::of(&mesh);
         // The middle tetrahedron of a block of five has four surface nodes and no boundary face.
         let middle = mesh.iter().find(|(t, _)| (0..4).all(|f| mesh.topology().neighbour(*t, f).is_some())).unwrap().0;

@@ -1,0 +1,11 @@
+//! What a session came to: as figures, as files, as a page, and a trainee's progress over many.
+
+mod document;
+pub mod page;
+pub mod plots;
+pub mod progress;
+pub mod record;
+
+pub use page::page;
+pub use progress::{Progress, ProgressError};
+pub use record::{MarginSummary, Measured, Results};

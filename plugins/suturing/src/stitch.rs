@@ -1,0 +1,419 @@
+//! One tick of one suture.
+
+use crate::chain::{Chain, Eye, EyeHold, Held, ThreadLaw};
+use crate::drive::{OnNeedle, is_open, on_needle, pierce};
+use crate::grips::{Jaw, let_go};
+use crate::knots::{LOOPED, THROUGH, nearest, pull_n, winding};
+use crate::settings::SutureSettings;
+use crate::tissue::Tissue;
+use bevy_math::{DVec3, Isometry3d, Vec3, Vec3A};
+use keyhole_tetmesh::TetId;
+use keyhole_whiteboard::{Bite, Bites, HoleKind, Knot, Knots, Needle, Thread, ThreadGrip, TornBite};
+use smallvec::smallvec;
+
+/// Nearer to each other than this part of a segment two knots are one.
+const JOINED: f64 = 0.5;
+/// Part of the way between its two strands that is left of a throw being pulled tight, from tick to tick.
+const CLOSING: f64 = 0.95;
+/// Segments next to the tissue or a knot that are not looked at for where strands cross.
+const ROOT: f64 = 2.0;
+
+/// What a suture keeps from tick to tick besides what is on the whiteboard.
+#[derive(Clone, Debug, Default)]
+pub struct Works {
+    /// The thread.
+    pub chain: Chain,
+    eyes: Vec<Eye>,
+    /// By eye: what it belongs to.
+    owners: Vec<Owner>,
+    before: Vec<Eye>,
+    held: Vec<Held>,
+    strands: [Vec<(f64, DVec3)>; 2],
+    places: [Vec<DVec3>; 2],
+    near: Vec<TetId>,
+    /// The winding of the tick before, unless it was of other strands.
+    winding: Option<f64>,
+    /// Bites and knots that it was counted from.
+    counted: (usize, usize),
+    /// Turns that the strands would have if they had not gone through each other.
+    lost: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Owner {
+    Hole(usize, usize),
+    Knot(usize, usize),
+}
+
+/// A suture on the whiteboard.
+#[derive(Debug)]
+pub struct Suture<'a> {
+    /// Its needle.
+    pub needle: &'a mut Needle,
+    /// Its thread.
+    pub thread: &'a mut Thread,
+    /// Its bites.
+    pub bites: &'a mut Bites,
+    /// Its knots.
+    pub knots: &'a mut Knots,
+    /// What else it keeps.
+    pub works: &'a mut Works,
+}
+
+impl Suture<'_> {
+    /// One tick of `dt_s` s, among organs as they are and jaws as they have moved: gravity in m/s2.
+    pub fn tick(&mut self, organs: &[Tissue], jaws: &[Jaw], settings: &SutureSettings, gravity: Vec3, dt_s: f64) {
+        self.string(settings);
+        self.feel(organs, settings);
+        self.hold(jaws, settings);
+        self.drive(organs, jaws, settings);
+        self.run(organs, jaws, settings, gravity, dt_s);
+        self.settle_knots(settings);
+        self.count_throws(settings);
+        let Self { thread, works, .. } = self;
+        thread.points.clear();
+        thread.points.extend(works.chain.line(&works.eyes).map(|(_, p)| p.as_vec3()));
+        thread.tension_n = works.chain.tension_n as f32;
+        thread.end_tension_n = works.chain.end_tension_n.map(|t| t as f32);
+    }
+
+    /// The chain of a thread that has none yet.
+    fn string(&mut self, settings: &SutureSettings) {
+        if self.works.chain.places.is_empty() {
+            let points = self.thread.points.iter().map(|p| p.as_dvec3());
+            self.works.chain = Chain::along(points, f64::from(settings.segment_m)).unwrap_or_default();
+        }
+        self.thread.length_m = self.works.chain.length_m() as f32;
+    }
+
+    /// Finds the holes again after the tissue has changed, reads what they bear, and tears.
+    fn feel(&mut self, organs: &[Tissue], settings: &SutureSettings) {
+        let Bites { held, torn } = &mut *self.bites;
+        held.retain_mut(|bite| {
+            let Some(organ) = refind(bite, organs) else { return false };
+            let mut load = DVec3::ZERO;
+            for hole in &mut bite.holes {
+                let force = (hole.anchor.as_dvec3() - organ.place(&hole.point)) / f64::from(settings.compliance_m_n);
+                hole.force_n = force.as_vec3();
+                load += force;
+            }
+            bite.load_n = load.length() as f32;
+            if is_open(bite) {
+                return true;
+            }
+            // The middle of the way bears the load; without it any hole does.
+            let middle = bite.holes.iter().find(|h| h.kind == HoleKind::Channel).or(bite.holes.first());
+            let depth = middle.zip(load.try_normalize()).and_then(|(h, way)| organ.depth(&h.point, way));
+            let Some((depth, middle)) = depth.zip(middle) else { return true };
+            bite.strength_n = organ.tear_n_m * depth as f32;
+            if bite.load_n <= bite.strength_n {
+                return true;
+            }
+            let place = organ.place(&middle.point).as_vec3();
+            let (load_n, strength_n) = (bite.load_n, bite.strength_n);
+            torn.push(TornBite { organ: organ.organ, place, load_n, strength_n, depth_m: depth as f32 });
+            false
+        });
+    }
+
+    /// Jaws take hold of the needle and the thread, and let go.
+    fn hold(&mut self, jaws: &[Jaw], settings: &SutureSettings) {
+        let Self { needle, thread, works, .. } = self;
+        let_go(needle, jaws);
+        let thickness = 2.0 * needle.wire_radius_m;
+        let lost = thread.tension_n > settings.grip_n;
+        thread.grips.retain(|g| !lost && jaws.iter().any(|j| j.instrument == g.instrument && j.is_shut(thickness)));
+        for jaw in jaws.iter().filter(|j| j.has_shut(thickness)) {
+            if let Some(grip) = jaw.take_needle(needle) {
+                needle.grips.push(grip);
+                continue;
+            }
+            let chain = &works.chain;
+            let swept = chain.places.iter().enumerate().filter_map(|(i, p)| jaw.swept(p.as_vec3()).map(|d| (d, i)));
+            if let Some((_, i)) = swept.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                let local = jaw.pinched(chain.places[i].as_vec3());
+                thread.grips.push(ThreadGrip { instrument: jaw.instrument, at_m: (chain.segment_m * i as f64) as f32, local });
+            }
+        }
+    }
+
+    /// Moves the needle and makes its holes.
+    fn drive(&mut self, organs: &[Tissue], jaws: &[Jaw], settings: &SutureSettings) {
+        let Self { needle, thread, bites, works, .. } = self;
+        let (from, length) = (needle.pose, thread.length_m);
+        let holder = needle.grips.first().and_then(|g| jaws.iter().find(|j| j.instrument == g.instrument).map(|j| j.pose * g.local));
+        if let Some(to) = holder {
+            needle.pose = to;
+            pierce(needle, [&from, &to], length, organs, &mut bites.held, &mut works.near);
+        } else {
+            needle.pose.translation += drift(needle, bites, organs, length, works.chain.places.last());
+        }
+        let pose: Isometry3d = needle.pose;
+        let threaded = works.chain.places.len() > 1;
+        let on_thread = length - works.chain.clearance_m() as f32;
+        for bite in &mut bites.held {
+            let Some(organ) = organs.iter().find(|o| o.organ == bite.organ) else { continue };
+            bite.holes.retain_mut(|hole| {
+                if hole.at_m < length {
+                    return true;
+                }
+                let place = organ.place(&hole.point);
+                match on_needle(needle, &pose, length, hole.at_m, place, settings.needle_drag_n, settings.compliance_m_n) {
+                    OnNeedle::Wire { at_m, anchor } => {
+                        (hole.at_m, hole.anchor) = (at_m, anchor);
+                        true
+                    }
+                    OnNeedle::Thread => {
+                        hole.at_m = on_thread;
+                        threaded
+                    }
+                    OnNeedle::Out => false,
+                }
+            });
+            // Drawn back so far that the tip is inside again: what it had made on its way out is gone.
+            if bite.holes.last().is_some_and(|h| h.kind == HoleKind::Channel) {
+                bite.holes.pop();
+            }
+        }
+        bites.held.retain(|b| !b.holes.is_empty());
+    }
+
+    /// Moves the thread.
+    fn run(&mut self, organs: &[Tissue], jaws: &[Jaw], settings: &SutureSettings, gravity: Vec3, dt_s: f64) {
+        self.gather_eyes(organs, settings);
+        let Self { needle, thread, bites, knots, works } = self;
+        let Works { chain, eyes, owners, held, .. } = &mut **works;
+        if chain.places.len() < 2 {
+            return;
+        }
+        held.clear();
+        let last = chain.places.len() - 1;
+        let in_tissue = bites.held.iter().flat_map(|b| &b.holes).any(|h| h.at_m >= thread.length_m);
+        let carried = !needle.grips.is_empty() || in_tissue;
+        if carried {
+            held.push(Held { particle: last, to: needle.point(&needle.pose, 0.0).as_dvec3() });
+        }
+        for grip in &thread.grips {
+            let particle = (f64::from(grip.at_m) / chain.segment_m).round() as usize;
+            let jaw = jaws.iter().find(|j| j.instrument == grip.instrument);
+            if let (Some(jaw), false) = (jaw, held.iter().any(|h| h.particle == particle)) {
+                held.push(Held { particle, to: Vec3::from(jaw.pose.transform_point(grip.local)).as_dvec3() });
+            }
+        }
+        let end_mass_kg = if carried { 0.0 } else { f64::from(needle.mass_kg) };
+        let law = ThreadLaw { gravity: gravity.as_dvec3(), end_mass_kg, ..settings.thread };
+        chain.step(&law, eyes, held, dt_s, settings.substeps.max(1) as usize);
+        if !carried {
+            let moved = chain.places[last].as_vec3() - needle.point(&needle.pose, 0.0);
+            needle.pose.translation += Vec3A::from(moved);
+        }
+        for (eye, owner) in eyes.iter().zip(&*owners) {
+            match *owner {
+                Owner::Hole(b, h) => {
+                    let hole = &mut bites.held[b].holes[h];
+                    (hole.at_m, hole.anchor) = (eye.at_m as f32, eye.place.as_vec3());
+                }
+                Owner::Knot(k, side) => {
+                    let knot = &mut knots.tied[k];
+                    (knot.at_m[side], knot.place) = (eye.at_m as f32, eye.place.as_vec3());
+                }
+            }
+        }
+        // The tail has come through.
+        let end = 1.05 * chain.clearance_m();
+        for bite in &mut bites.held {
+            bite.holes.retain(|h| f64::from(h.at_m) > end);
+        }
+        bites.held.retain(|b| !b.holes.is_empty());
+    }
+
+    /// The eyes of all holes that the thread is in and of all knots, in order along the thread.
+    fn gather_eyes(&mut self, organs: &[Tissue], settings: &SutureSettings) {
+        let Self { thread, bites, knots, works, .. } = self;
+        let Works { chain, eyes, owners, before, .. } = &mut **works;
+        std::mem::swap(eyes, before);
+        eyes.clear();
+        owners.clear();
+        let known = |at_m: f32, hold: EyeHold| {
+            let same = |e: &&Eye| e.at_m as f32 == at_m && std::mem::discriminant(&e.hold) == std::mem::discriminant(&hold);
+            before.iter().find(same).map(|e| Eye { hold, ..*e })
+        };
+        for (b, bite) in bites.held.iter().enumerate() {
+            let Some(organ) = organs.iter().find(|o| o.organ == bite.organ) else { continue };
+            for (h, hole) in bite.holes.iter().enumerate().filter(|(_, hole)| hole.at_m < thread.length_m) {
+                let place = organ.place(&hole.point);
+                let hold = EyeHold::Tissue { place, compliance_m_n: f64::from(settings.compliance_m_n) };
+                let drag_n = [f64::from(settings.thread_drag_n); 2];
+                let eye = known(hole.at_m, hold).unwrap_or_else(|| Eye::new(hold, f64::from(hole.at_m), place));
+                eyes.push(Eye { drag_n, friction: f64::from(settings.friction), ..eye });
+                owners.push(Owner::Hole(b, h));
+            }
+        }
+        for (k, knot) in knots.tied.iter().enumerate() {
+            let [slip, tighten] = settings.knot.drags(knot);
+            let [tail, needle] = [0, 1].map(|side| known(knot.at_m[side], EyeHold::Knot(k)));
+            let [tail, needle] = match (tail, needle) {
+                (Some(tail), Some(needle)) => [tail, Eye { offset: needle.offset * CLOSING, ..needle }],
+                _ => {
+                    let [tail, needle] = knot.at_m.map(|at| Eye::new(EyeHold::Knot(k), f64::from(at), chain.place_at(f64::from(at))));
+                    [tail, Eye { offset: needle.place - tail.place, ..needle }]
+                }
+            };
+            eyes.extend([Eye { drag_n: [slip, tighten], ..tail }, Eye { drag_n: [tighten, slip], ..needle }]);
+            owners.extend([Owner::Knot(k, 0), Owner::Knot(k, 1)]);
+        }
+        // A few eyes, almost in order: insertion keeps both lists together.
+        for i in 1..eyes.len() {
+            for j in (1..=i).rev() {
+                if eyes[j - 1].at_m <= eyes[j].at_m {
+                    break;
+                }
+                eyes.swap(j - 1, j);
+                owners.swap(j - 1, j);
+            }
+        }
+        let mut most = chain.length_m() - chain.clearance_m();
+        for eye in eyes.iter_mut().rev() {
+            eye.at_m = eye.at_m.min(most);
+            most = eye.at_m - chain.clearance_m();
+        }
+    }
+
+    /// Throws that have run together are one knot; how tight they are; those that have run off an end are undone.
+    fn settle_knots(&mut self, settings: &SutureSettings) {
+        let Self { thread, knots, works, .. } = self;
+        let Works { chain, eyes, owners, .. } = &mut **works;
+        for (k, knot) in knots.tied.iter_mut().enumerate() {
+            let eye = |side: usize| owners.iter().position(|o| *o == Owner::Knot(k, side)).map(|e| eyes[e]);
+            if let (Some(tail), Some(needle)) = (eye(0), eye(1)) {
+                knot.hold_n = settings.knot.tightened(knot, pull_n(&tail, &needle), knot.turns()) as f32;
+            }
+        }
+        let close = (JOINED * chain.segment_m) as f32;
+        for k in (1..knots.tied.len()).rev() {
+            let apart = |side: usize| (knots.tied[k - 1].at_m[side] - knots.tied[k].at_m[side]).abs();
+            if apart(0) <= close && apart(1) <= close {
+                let outer = knots.tied.remove(k);
+                let inner = &mut knots.tied[k - 1];
+                let before = inner.turns();
+                inner.throws.extend(outer.throws);
+                inner.hold_n = settings.knot.tightened(inner, 0.0, before) as f32;
+                for (eye, owner) in (0..eyes.len()).rev().zip(owners.clone().into_iter().rev()) {
+                    if matches!(owner, Owner::Knot(o, _) if o == k) {
+                        eyes.remove(eye);
+                        owners.remove(eye);
+                    }
+                }
+                // The owners of knots further out move up.
+                for owner in owners.iter_mut() {
+                    if let Owner::Knot(o, _) = owner {
+                        *o -= usize::from(*o > k);
+                    }
+                }
+            }
+        }
+        let ends = [1.05 * chain.clearance_m() as f32, thread.length_m - 1.05 * chain.clearance_m() as f32];
+        let count = knots.tied.len();
+        knots.tied.retain(|k| k.at_m[0] > ends[0] && k.at_m[1] < ends[1]);
+        knots.undone += (count - knots.tied.len()) as u32;
+    }
+
+    /// Counts how often the free strands go around each other, and ties a throw where a loop has been pulled tight.
+    fn count_throws(&mut self, settings: &SutureSettings) {
+        let Self { thread, bites, knots, works, .. } = self;
+        let holes = || bites.held.iter().flat_map(|b| &b.holes);
+        let on_needle = holes().any(|h| h.at_m >= thread.length_m);
+        let first = holes().map(|h| h.at_m).chain(knots.tied.iter().map(|k| k.at_m[0])).fold(f32::INFINITY, f32::min);
+        let last = holes().map(|h| h.at_m).chain(knots.tied.iter().map(|k| k.at_m[1])).fold(f32::NEG_INFINITY, f32::max);
+        if on_needle || first > last {
+            (knots.winding, works.winding) = (0.0, None);
+            return;
+        }
+        let (first, last) = (f64::from(first), f64::from(last));
+        let Works { chain, eyes, strands: [tail, needle], places, winding: last_winding, counted: last_counted, lost, .. } = &mut **works;
+        tail.clear();
+        needle.clear();
+        // An eye's length has been rounded: it belongs to both strands' roots by half of its clearance.
+        let tolerance = 0.5 * chain.clearance_m();
+        for (at, place) in chain.line(eyes) {
+            if at <= first + tolerance {
+                tail.push((at, place));
+            }
+            if at >= last - tolerance {
+                needle.push((at, place));
+            }
+        }
+        tail.reverse();
+        let mut fill = |side: usize, strand: &[(f64, DVec3)]| {
+            places[side].clear();
+            places[side].extend(strand.iter().map(|(_, p)| *p));
+        };
+        fill(0, tail);
+        fill(1, needle);
+        let now = winding(&places[0], &places[1]);
+        let counted = (bites.held.len(), knots.tied.len());
+        let before = last_winding.filter(|_| *last_counted == counted);
+        (*last_winding, *last_counted) = (Some(now), counted);
+        let change = before.map_or(0.0, |before| now - before);
+        if before.is_none() {
+            *lost = 0.0;
+        } else if change.abs() > THROUGH {
+            *lost -= change.round();
+        }
+        let whole = now + *lost;
+        knots.winding = whole as f32;
+        let pulled = chain.tension_between(0.0, first).min(chain.tension_between(last, chain.length_m()));
+        let turns = lost.clamp(-100.0, 100.0) as i8;
+        if whole.abs() < LOOPED || turns == 0 || pulled < f64::from(settings.tighten_n) {
+            return;
+        }
+        // Near the root the strands are beside each other anyway.
+        let root = ROOT * chain.segment_m;
+        let beyond = |strand: &[(f64, DVec3)], base: f64| strand.iter().position(|(at, _)| (at - base).abs() > root);
+        let (Some(a), Some(b)) = (beyond(tail, first), beyond(needle, last)) else { return };
+        let Some(([(i, s), (j, t)], _)) = nearest(&places[0][a..], &places[1][b..]) else { return };
+        let along = |strand: &[(f64, DVec3)], from: usize, part: f64| {
+            let ((at, p), (to, q)) = (strand[from], strand[from + 1]);
+            (at + part * (to - at), p.lerp(q, part))
+        };
+        let ((at_tail, p), (at_needle, q)) = (along(tail, a + i, s), along(needle, b + j, t));
+        let clear = 2.0 * chain.clearance_m();
+        if at_tail < clear || at_needle > chain.length_m() - clear {
+            return;
+        }
+        let place = (0.5 * (p + q)).as_vec3();
+        let at_m = [at_tail as f32, at_needle as f32];
+        knots.tied.push(Knot { at_m, throws: smallvec![turns], hold_n: settings.knot.run_n as f32, place });
+    }
+}
+
+/// The organ that a bite is in now, its holes found again where a cut went between their nodes; `None` where the tissue is gone.
+fn refind<'a, 'b>(bite: &mut Bite, organs: &'a [Tissue<'b>]) -> Option<&'a Tissue<'b>> {
+    let own = organs.iter().find(|o| o.organ == bite.organ)?;
+    if bite.holes.iter().all(|h| own.tet_of(&h.point).is_some()) {
+        return Some(own);
+    }
+    let first = bite.holes.first()?.rest.as_dvec3();
+    let organ = organs.iter().find(|o| o.at_rest(first).is_some())?;
+    for hole in &mut bite.holes {
+        hole.point = organ.at_rest(hole.rest.as_dvec3())?;
+    }
+    bite.organ = organ.organ;
+    Some(organ)
+}
+
+/// How a needle that nobody holds moves in a tick, m: with the tissue that it is in, else with the end of its thread.
+fn drift(needle: &Needle, bites: &Bites, organs: &[Tissue], length_m: f32, end: Option<&DVec3>) -> Vec3A {
+    let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+    for bite in &bites.held {
+        let Some(organ) = organs.iter().find(|o| o.organ == bite.organ) else { continue };
+        for hole in bite.holes.iter().filter(|h| h.at_m >= length_m) {
+            sum += organ.place(&hole.point) - hole.anchor.as_dvec3();
+            count += 1.0;
+        }
+    }
+    if count > 0.0 {
+        return Vec3A::from((sum / count).as_vec3());
+    }
+    end.map_or(Vec3A::ZERO, |end| Vec3A::from(end.as_vec3() - needle.point(&needle.pose, 0.0)))
+}
