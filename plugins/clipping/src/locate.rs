@@ -13,19 +13,31 @@ pub fn weights(corners: [DVec3; 4], p: DVec3) -> Option<[f64; 4]> {
     (whole > 0.0).then(|| [volume(p, b, c, d), volume(a, p, c, d), volume(a, b, p, d), volume(a, b, c, p)].map(|v| v / whole))
 }
 
-/// The first of some tetrahedra whose rest shape has a point (m), and the point in it.
+/// Part of a tetrahedron by which a point may be outside of it and still be its: a point on a face between two children of a cut is, by rounding, in none.
+const OUTSIDE: f64 = 1e-4;
+
+/// Of some tetrahedra the one whose rest shape has a point (m), and the point in it.
 #[must_use]
-pub fn at_rest(mesh: &TetMesh, mut tets: impl Iterator<Item = TetId>, point: Vec3) -> Option<(TetId, TissuePoint)> {
+pub fn at_rest(mesh: &TetMesh, tets: impl Iterator<Item = TetId>, point: Vec3) -> Option<(TetId, TissuePoint)> {
     let p = point.as_dvec3();
-    tets.find_map(|tet| {
+    let mut best: Option<(f64, TetId, [f64; 4])> = None;
+    for tet in tets {
         let corners = mesh.points(tet);
         let (low, high) = corners.iter().fold((corners[0], corners[0]), |(low, high), c| (low.min(*c), high.max(*c)));
-        if p.cmplt(low).any() || p.cmpgt(high).any() {
-            return None;
+        let margin = (high - low) * OUTSIDE;
+        if p.cmplt(low - margin).any() || p.cmpgt(high + margin).any() {
+            continue;
         }
-        let found = weights(corners, p)?;
-        found.iter().all(|w| *w >= 0.0).then(|| (tet, mesh.corners(tet).into_iter().zip(found.map(|w| w as f32)).collect()))
-    })
+        let Some(found) = weights(corners, p) else { continue };
+        let least = found.iter().copied().fold(f64::INFINITY, f64::min);
+        if least > best.map_or(-OUTSIDE, |b| b.0) {
+            best = Some((least, tet, found));
+        }
+        if least > 0.0 {
+            break;
+        }
+    }
+    best.map(|(_, tet, found)| (tet, mesh.corners(tet).into_iter().zip(found.map(|w| w as f32)).collect()))
 }
 
 /// Whether a point's nodes are still the corners of one tetrahedron: a cut may have gone between them.

@@ -198,20 +198,22 @@ impl Lumen {
         let around = |p: &&ClipPair| (p.rest[0].as_dvec3() - on).dot(v) > 0.0 && (p.rest[1].as_dvec3() - on).dot(v) < 0.0;
         let mut places: Vec<(f32, f64)> = pairs.iter().filter(around).map(|p| (p.along_m, (middle(p) - on).dot(u))).collect();
         places.sort_by(|a, b| a.1.total_cmp(&b.1));
-        // The pieces abut: each reaches half-way to its neighbours, at its outer side as far as towards the other.
         let rows: Vec<f64> =
             places.chunk_by(|a, b| a.0 == b.0).map(|row| row.iter().map(|p| p.1).sum::<f64>() / row.len() as f64).collect();
+        // Pieces that abut reach half-way to each other, and as far to their other side.
         let widest = f64::from(cell_m);
-        let mut closes = 0.0;
-        let mut reached = f64::NEG_INFINITY;
+        let abut = |a: usize, b: usize| Some(rows.get(b)? - rows[a]).filter(|d| *d < 1.5 * widest);
+        let mut slices: Vec<(f64, f64)> = Vec::new();
         for (i, at) in rows.iter().enumerate() {
-            let to_next = rows.get(i + 1).map(|n| (n - at).min(widest));
-            let to_last = i.checked_sub(1).map(|l| (at - rows[l]).min(widest));
-            let (low, high) = (to_last.or(to_next).unwrap_or(widest) / 2.0, to_next.or(to_last).unwrap_or(widest) / 2.0);
-            let from = (at - low).max(reached);
-            reached = at + high;
-            closes += disc_below(reached / self.radius) - disc_below(from / self.radius);
+            let (last, next) = (i.checked_sub(1).and_then(|l| abut(l, i)), abut(i, i + 1));
+            let half = |own: Option<f64>, other: Option<f64>| own.or(other).unwrap_or(widest) / 2.0;
+            let (low, high) = (at - half(last, next), at + half(next, last));
+            match slices.last_mut().filter(|_| last.is_some()) {
+                Some(slice) => slice.1 = high,
+                None => slices.push((low, high)),
+            }
         }
+        let closes: f64 = slices.iter().map(|(low, high)| disc_below(high / self.radius) - disc_below(low / self.radius)).sum();
         Some(Closure { along_m, closes: closes.clamp(0.0, 1.0) })
     }
 

@@ -11,14 +11,13 @@ use bevy_ecs::prelude::*;
 use bevy_math::{Isometry3d, Vec3};
 use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
-use keyhole_whiteboard::tick::running;
 use keyhole_whiteboard::{
-    Attachments, BleedReport, BleedSite, Clip, ClipApplier, ClipReport, ClipShape, FragmentDetached, HeldBy, InstrumentPose, JawPads, Jaws,
-    RigidBody, RigidPose, SceneRequirements, TickSystems, TissueMesh, TissuePoint, TissueState, TopologyChanged, Vessel,
+    Attachments, BleedReport, BleedSite, Clip, ClipApplier, ClipReport, ClipShape, FragmentDetached, GestureSystems, HeldBy,
+    InstrumentPose, JawPads, Jaws, RigidBody, RigidPose, SceneRequirements, TickSystems, TissueMesh, TissuePoint, TissueState,
+    TopologyChanged, Vessel,
 };
 
-/// Sets and holds clips and lets vessels bleed, after [`TickSystems::Gesture`] and before [`TickSystems::Cut`]; carries both over topology changes in
-/// [`TickSystems::Collide`].
+/// Sets and holds clips and lets vessels bleed in [`GestureSystems::Clip`]; carries both over topology changes in [`TickSystems::Collide`].
 pub struct ClippingPlugin;
 
 impl Plugin for ClippingPlugin {
@@ -29,7 +28,7 @@ impl Plugin for ClippingPlugin {
             .init_resource::<FreedFragments>()
             .register_required_components::<ClipApplier, Trigger>()
             .add_observer(note_fragment)
-            .add_systems(FixedUpdate, gesture.after(TickSystems::Gesture).before(TickSystems::Cut).run_if(running).run_if(required))
+            .add_systems(FixedUpdate, gesture.in_set(GestureSystems::Clip).run_if(required))
             .add_systems(FixedUpdate, carry.in_set(TickSystems::Collide).run_if(required));
     }
 }
@@ -291,8 +290,7 @@ fn settle(point: &mut TissuePoint, rest: Vec3, mesh: &TetMesh, added: &[TetId]) 
     if is_whole(mesh, point) {
         return true;
     }
-    let found = at_rest(mesh, added.iter().copied(), rest).or_else(|| at_rest(mesh, mesh.iter().map(|(t, _)| t), rest));
-    match found {
+    match at_rest(mesh, added.iter().copied(), rest) {
         Some((_, there)) => {
             *point = there;
             true
