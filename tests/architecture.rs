@@ -13,7 +13,7 @@ const RENDERING: [&str; 3] = ["keyhole", "keyhole-view", "keyhole-hud"];
 const RENDERERS: [&str; 8] = ["bevy", "bevy_render", "bevy_pbr", "bevy_winit", "bevy_window", "bevy_core_pipeline", "wgpu", "egui"];
 
 /// Rooms whose algorithms are plain functions, with the app known to `plugin.rs` alone.
-const PLAIN: [&str; 9] = ["tetmesh", "imaging", "tissue", "collision", "cutting", "instruments", "grasping", "hid", "scene"];
+const PLAIN: [&str; 10] = ["tetmesh", "imaging", "tissue", "collision", "cutting", "instruments", "grasping", "suturing", "hid", "scene"];
 
 /// What an algorithm file never says.
 const APP_WORDS: [&str; 6] = ["bevy_app", "Query<", "Commands", "ResMut<", "MessageReader<", "MessageWriter<"];
