@@ -9,7 +9,9 @@ use keyhole::{Theatre, theatre::default_scene};
 use keyhole_instruments::{HandKey, HandTrack, Script};
 use keyhole_tetmesh::Boundary;
 use keyhole_tissue::TissueReport;
-use keyhole_whiteboard::{Contacts, CutStatus, FreedFrom, Hand, Obstacle, Organ, Port, ScriptClock, TickCost, TickSystems, TissueMesh, TissueState};
+use keyhole_whiteboard::{
+    Contacts, CutStatus, FreedFrom, Hand, Obstacle, Organ, Port, ScriptClock, TickCost, TickSystems, TissueMesh, TissueState,
+};
 use proptest::prelude::RngExt;
 use proptest::test_runner::{RngAlgorithm, TestRng};
 

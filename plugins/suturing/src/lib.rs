@@ -7,7 +7,10 @@ pub mod knots;
 pub mod plugin;
 pub mod settings;
 pub mod skyline;
+mod slide;
+mod solve;
 pub mod stitch;
+mod tie;
 pub mod tissue;
 
 pub use plugin::SuturingPlugin;

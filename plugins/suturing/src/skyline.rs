@@ -90,9 +90,9 @@ mod tests {
             let a = |r: usize, c: usize| (0..n).map(|k| b(r, k) * b(c, k)).sum::<f64>() + f64::from(u8::from(r == c));
             let mut matrix = Skyline::default();
             matrix.reset(first.iter().copied());
-            for r in 0..n {
+            for (r, begins) in first.iter().enumerate() {
                 for c in 0..=r {
-                    if c >= first[r] {
+                    if c >= *begins {
                         matrix.add(r, c, a(r, c));
                     } else {
                         prop_assert!(a(r, c) == 0.0);

@@ -189,7 +189,8 @@ impl Knot {
 pub struct Knots {
     /// The knots.
     pub tied: Vec<Knot>,
-    /// How often the strands beyond the outermost knot go around each other now: a crossing is about a half, a loop about one. Signed as [`Knot::throws`].
+    /// How often the strands beyond the outermost knot go around each other now, as if they could not go through each other: a crossing is about a half, a loop about one. Signed as
+    /// [`Knot::throws`].
     pub winding: f32,
     /// Knots that came undone.
     pub undone: u32,
