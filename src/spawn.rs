@@ -12,8 +12,9 @@ use keyhole_tissue::{
     Capsule, Constraints, TeschnerSettings, TimeStepping, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings,
 };
 use keyhole_whiteboard::{
-    Anatomy, Attachments, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ, OrganMaterials, Port, ScriptClock,
-    SimulationControl, SurfaceFriction, TickCost, TissueMesh, TissueState, TopologyChanged,
+    Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ,
+    OrganMaterials, Port, RigidBody, RigidReport, ScriptClock, SimulationControl, SurfaceFriction, Thread, TickCost, TissueMesh,
+    TissueState, TopologyChanged,
 };
 
 /// Part of the sag within which a rest shape hangs as the scan.
@@ -156,7 +157,7 @@ fn rub(entity: &mut EntityWorldMut, friction: Option<f32>) {
 
 /// Takes everything that [`spawn`] put up, and what came of it, off the whiteboard.
 pub fn clear(world: &mut World) {
-    let mut scenery = world.query_filtered::<Entity, Or<(With<Organ>, With<Anatomy>, With<Port>)>>();
+    let mut scenery = world.query_filtered::<Entity, Or<(With<Organ>, With<Anatomy>, With<Port>, With<RigidBody>, With<ClipShape>, With<Thread>)>>();
     let entities: Vec<Entity> = scenery.iter(world).collect();
     for entity in entities {
         world.despawn(entity);
@@ -164,6 +165,9 @@ pub fn clear(world: &mut World) {
     world.resource_mut::<Messages<TopologyChanged>>().clear();
     world.insert_resource(CutStatus::default());
     world.insert_resource(TissueReport::default());
+    world.insert_resource(RigidReport::default());
+    world.insert_resource(ClipReport::default());
+    world.insert_resource(BleedReport::default());
     world.insert_resource(TickCost::default());
     world.insert_resource(Script::default());
 }

@@ -170,6 +170,7 @@ struct Tally {
     with_organs: u64,
     with_themselves: u64,
     deepest_at_rest_m: f32,
+    deepest_at_rest: String,
     most_stretched: f32,
     most_tets: usize,
 }
@@ -288,8 +289,9 @@ fn look(app: &mut App, tick: u64, still: bool, extents: &mut std::collections::H
                 Obstacle::Organ { .. } => tally.with_organs += 1,
                 Obstacle::Own(_) => tally.with_themselves += 1,
             }
-            if still {
-                tally.deepest_at_rest_m = tally.deepest_at_rest_m.max(contact.depth_m);
+            if still && contact.depth_m > tally.deepest_at_rest_m {
+                tally.deepest_at_rest_m = contact.depth_m;
+                tally.deepest_at_rest = format!("{} in {:?}", organ.name, contact.against);
             }
         }
     }

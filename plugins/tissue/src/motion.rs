@@ -275,9 +275,12 @@ pub(crate) fn mean(masses: &[f32], values: impl Iterator<Item = Vec3>) -> Vec3 {
 }
 
 impl Hold {
-    /// From the anchor at the part `s` of the tick to the point, m; positions are counted from `origin`.
+    /// From the anchor at the part `s` of the tick to the point, m; positions are counted from `origin`. The weights sum to one, or to zero: then the anchor
+    /// is a way from one point to another, wherever the origin is.
     pub(crate) fn gap(&self, s: f32, origin: Vec3, position: impl Fn(usize) -> Vec3) -> Vec3 {
-        self.point.iter().map(|(node, weight)| position(node.index()) * *weight).sum::<Vec3>() - (self.from.lerp(self.to, s) - origin)
+        let sum: f32 = self.point.iter().map(|(_, weight)| weight).sum();
+        let point: Vec3 = self.point.iter().map(|(node, weight)| position(node.index()) * *weight).sum();
+        point - (self.from.lerp(self.to, s) - origin * sum.round())
     }
 
     /// What closes the gap in a substep of `h` s: every node moves by this times its inverse mass and its weight.
