@@ -157,7 +157,8 @@ fn rub(entity: &mut EntityWorldMut, friction: Option<f32>) {
 
 /// Takes everything that [`spawn`] put up, and what came of it, off the whiteboard.
 pub fn clear(world: &mut World) {
-    let mut scenery = world.query_filtered::<Entity, Or<(With<Organ>, With<Anatomy>, With<Port>, With<RigidBody>, With<ClipShape>, With<Thread>)>>();
+    let mut scenery =
+        world.query_filtered::<Entity, Or<(With<Organ>, With<Anatomy>, With<Port>, With<RigidBody>, With<ClipShape>, With<Thread>)>>();
     let entities: Vec<Entity> = scenery.iter(world).collect();
     for entity in entities {
         world.despawn(entity);

@@ -46,6 +46,10 @@ const TOUCHING_WILD: f64 = 4.0;
 /// So many times the iterations of conjugate gradients are allowed where contacts push: they are stiffer than the tissue.
 const STIFFER: u32 = 4;
 
+/// So many times the iterations that a stage may take goes one with contacts on with, all its steps together. What is left then is left for the next tick:
+/// an organ of ten thousand elements that is pushed, folded and pulled at once would take ten ticks' time to balance.
+const BUDGET: u32 = 1;
+
 /// Further steps where there are contacts, and after how many the tangent of the tissue is assembled anew there.
 const TOUCHING_STEPS: u32 = 8;
 const FRESH: u32 = 4;
@@ -316,6 +320,7 @@ pub(crate) fn minimise(
     }
     let mut stale = true;
     let mut recapped = false;
+    let (all, mut spent) = (stop.iterations * BUDGET, 0);
     for round in 1..=most {
         parts.iter_mut().for_each(|p| p.newton.rounds = round);
         if round == 1 && tangent == Tangent::Kept {
@@ -342,13 +347,18 @@ pub(crate) fn minimise(
             touches.add_forces(parts, 1.0);
         }
         // A contact that was not foreseen makes a residual of its own, a small part of which is still much.
-        let stop =
-            if before > 0.0 && touches.push() { Stop { most: before * FAIR, iterations: stop.iterations * STIFFER, ..stop } } else { stop };
+        let stop = if before > 0.0 && touches.push() {
+            Stop { most: before * FAIR, iterations: (stop.iterations * STIFFER).min(all - spent), ..stop }
+        } else {
+            stop
+        };
         let solved = with_equations(parts, |equations| solve(equations, touches, stop));
         if before <= 0.0 {
             before = solved.before;
         }
         parts.iter_mut().for_each(|p| p.newton.iterations += solved.iterations);
+        spent = (spent + solved.iterations).min(all);
+        let last = round == most || touches.push() && spent >= all;
         settle_momentum(parts, touches, weights);
         if solved.iterations == 0 && !solved.negative {
             break;
@@ -356,7 +366,7 @@ pub(crate) fn minimise(
         match care {
             Care::Usual => {
                 if solved.negative {
-                    if round == most {
+                    if last {
                         return Err(Astray::Wild);
                     }
                     (convex, stale) = (true, true);
@@ -379,8 +389,11 @@ pub(crate) fn minimise(
                     look(parts, touches, weights);
                 }
                 let wild = if touches.push() { TOUCHING_WILD } else { WILD };
-                if round == most && (left > wild || left.is_nan()) {
+                if last && (left > wild || left.is_nan()) {
                     return Err(Astray::Wild);
+                }
+                if last {
+                    break;
                 }
             }
             Care::Downhill => {
@@ -388,6 +401,9 @@ pub(crate) fn minimise(
                 let first = if touches.is_empty() { 1.0 } else { touches.part_of(parts, solved.gain) };
                 energy = go_downhill(parts, touches, weights, first, now);
                 if energy.is_none() {
+                    break;
+                }
+                if last {
                     break;
                 }
                 if !touches.is_empty() {
