@@ -172,6 +172,7 @@ struct Tally {
     deepest_at_rest_m: f32,
     deepest_at_rest: String,
     most_stretched: f32,
+    stretched: String,
     most_tets: usize,
 }
 
@@ -281,7 +282,11 @@ fn look(app: &mut App, tick: u64, still: bool, extents: &mut std::collections::H
         }
         let finite = mesh.0.nodes().all(|n| state.position(n).is_finite() && state.velocities[n.index()].is_finite());
         assert!(finite, "{} is not finite in tick {tick}", organ.name);
-        tally.most_stretched = tally.most_stretched.max(extent(&|n| state.position(n)) / known.1);
+        let stretched = extent(&|n| state.position(n)) / known.1;
+        if stretched > tally.most_stretched {
+            tally.most_stretched = stretched;
+            tally.stretched = format!("{} of {} tetrahedra in tick {tick}", organ.name, mesh.0.tet_count());
+        }
         for contact in &contacts.0 {
             match contact.against {
                 Obstacle::Instrument(_) => tally.with_instruments += 1,

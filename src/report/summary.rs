@@ -161,7 +161,10 @@ impl Summary {
             cut.fragments
         )?;
         if !self.fragments.is_empty() {
-            writeln!(w, "| fragment | freed at / s | mass / g | fallen / mm | off free fall / mm |\n|---|---:|---:|---:|---:|")?;
+            writeln!(
+                w,
+                "| fragment | freed at / s | mass / g | fallen / mm | off free fall / mm | touched at / s | speed at the end / m/s |\n|---|---:|---:|---:|---:|---:|---:|"
+            )?;
             for f in &self.fragments {
                 let off = f.off_free_fall_m.map_or("held".into(), |m| format!("{:.3}", m * 1e3));
                 let touched = f.touched_at_s.map_or("never".into(), |s| format!("{s:.3}"));

@@ -136,10 +136,11 @@ fn the_starter_holds_a_kidney_by_its_hilum_and_frees_its_tumour() {
 }
 
 #[test]
-fn every_scene_of_the_project_frees_its_tumour() {
-    for file in scenes() {
-        assert_the_sweep_frees_the_tumour(&load(&file).unwrap());
-    }
+fn every_scene_of_the_project_with_a_tumour_frees_it() {
+    let with_tumour = |scene: &Scene| scene.organs.iter().any(|o| o.materials.iter().any(|m| m.name == "tumour"));
+    let resections: Vec<Scene> = scenes().iter().map(|file| load(file).unwrap()).filter(with_tumour).collect();
+    assert!(!resections.is_empty());
+    resections.iter().for_each(assert_the_sweep_frees_the_tumour);
 }
 
 fn problems(text: &str) -> String {

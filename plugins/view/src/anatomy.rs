@@ -15,26 +15,27 @@ const CREASE_RAD: f32 = 0.7;
 #[derive(Resource, Clone, Copy, Debug, Default, PartialEq)]
 pub struct AnatomyBounds(pub Option<(Vec3, Vec3)>);
 
-/// Draws anatomy that has come.
+/// Draws anatomy that has come, where it lies.
 pub fn draw_anatomy(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
     mut extent: ResMut<AnatomyBounds>,
-    come: Query<(Entity, &Anatomy), Added<Anatomy>>,
+    come: Query<(Entity, &Anatomy, &Transform), Added<Anatomy>>,
     mut gone: RemovedComponents<Anatomy>,
 ) {
     if gone.read().next().is_some() {
         extent.0 = None;
     }
-    for (entity, anatomy) in &come {
+    for (entity, anatomy, place) in &come {
         let surface = &anatomy.surface;
-        extent.0 =
-            bounds(surface.vertices.iter().map(|v| Vec3::from_array(*v)).chain(extent.0.into_iter().flat_map(|(low, high)| [low, high])));
+        let corners = surface.vertices.iter().map(|v| place.transform_point(Vec3::from_array(*v)));
+        extent.0 = bounds(corners.chain(extent.0.into_iter().flat_map(|(low, high)| [low, high])));
         let [r, g, b] = anatomy.colour;
         commands.spawn((
             Name::new(anatomy.name.clone()),
             Draws(entity),
+            *place,
             Mesh3d(meshes.add(mesh_of(surface))),
             MeshMaterial3d(materials.add(StandardMaterial {
                 base_color: Color::linear_rgb(r, g, b),
@@ -86,6 +87,25 @@ fn creased_normals(surface: &PartMesh) -> Vec<[f32; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bevy::ecs::system::RunSystemOnce;
+
+    /// Anatomy was once drawn in the frame of its file, wherever the scene had put it.
+    #[test]
+    fn anatomy_is_drawn_where_it_lies() {
+        let mut world = World::new();
+        world.init_resource::<Assets<Mesh>>();
+        world.init_resource::<Assets<StandardMaterial>>();
+        world.init_resource::<AnatomyBounds>();
+        let vertices = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0]];
+        let surface = PartMesh { vertices, normals: Vec::new(), indices: vec![0, 1, 2] };
+        let place = Transform::from_xyz(3.0, 0.0, -1.0).with_rotation(Quat::from_rotation_z(std::f32::consts::FRAC_PI_2));
+        world.spawn((Anatomy { name: "bone".into(), surface, colour: [1.0; 3] }, place));
+        assert!(world.run_system_once(draw_anatomy).is_ok());
+        let mut drawn = world.query_filtered::<&Transform, With<Mesh3d>>();
+        assert_eq!(drawn.iter(&world).copied().collect::<Vec<_>>(), [place]);
+        let Some((low, high)) = world.resource::<AnatomyBounds>().0 else { panic!("there is anatomy") };
+        assert!(low.distance(Vec3::new(1.0, 0.0, -1.0)) < 1e-6 && high.distance(Vec3::new(3.0, 1.0, -1.0)) < 1e-6, "{low} {high}");
+    }
 
     #[test]
     fn a_roof_keeps_its_ridge_and_a_shallow_one_is_smooth() {
