@@ -14,6 +14,9 @@ use keyhole_tetmesh::{NodeId, Topology};
 use keyhole_whiteboard::{Contact, Obstacle, TissuePoint};
 use smallvec::smallvec;
 
+/// How deep a body may be in itself for a contact, in edges of its mesh: what folds at 1 m/s comes not much further in a tick.
+const DEEPEST_FOLD: f32 = 2.0;
+
 /// An organ as contacts see it.
 #[derive(Clone, Copy, Debug)]
 pub struct Party<'a> {
@@ -27,6 +30,8 @@ pub struct Party<'a> {
     pub positions: &'a [Vec3],
     /// Velocities by node slot, m/s.
     pub velocities: &'a [Vec3],
+    /// Mean length of the edges of its tetrahedra in the rest shape, m.
+    pub edge_m: f32,
     /// Coulomb's coefficient of its surface.
     pub friction: f32,
 }
@@ -93,6 +98,10 @@ pub fn between_tissue(hits: &[Hit], parties: &[Party], depths: &mut Depths, cont
         for p in depths.estimate(nodes.deformed(), tets.deformed(), pair) {
             // Inner nodes tell how deep the others are; out of the body they come with these.
             if nodes.shape.role(p.node) != Role::Surface {
+                continue;
+            }
+            // A fold does not begin that deep: the node is in its own body because tetrahedra between are inverted, which is not for contacts to mend.
+            if a == b && p.depth_m > DEEPEST_FOLD * nodes.edge_m {
                 continue;
             }
             let inside = corners_of(p, tets);

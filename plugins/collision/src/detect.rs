@@ -11,7 +11,7 @@ use crate::cells::{CellTable, LEVELS, Level, Tag, cell_of, level_of};
 use crate::inside::Weights;
 use crate::shape::{Role, Shape, VACANT};
 use bevy_math::{Vec3, Vec3A};
-use keyhole_tetmesh::{EDGES, NodeId, TetId};
+use keyhole_tetmesh::{EDGES, NodeId, TetId, TetMesh};
 use rayon::prelude::*;
 
 /// Tetrahedra that one task looks at.
@@ -336,6 +336,18 @@ fn bounds_of(body: &Body) -> Bounds {
         }
     }
     bounds
+}
+
+/// Mean length of the edges of the tetrahedra of a mesh in the rest shape, m, an edge counted once a tetrahedron; zero without tetrahedra.
+#[must_use]
+pub fn mean_rest_edge_m(mesh: &TetMesh) -> f32 {
+    let (mut sum, mut count) = (0.0, 0_u32);
+    for (tet, _) in mesh.iter() {
+        let at = mesh.points(tet);
+        sum += EDGES.iter().map(|[i, j]| at[*i].distance(at[*j])).sum::<f64>();
+        count += 6;
+    }
+    (sum / f64::from(count.max(1))) as f32
 }
 
 /// Mean length of the edges of the tetrahedra of all bodies, m, an edge counted once a tetrahedron: the published size of cells. `None` without

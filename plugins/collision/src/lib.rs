@@ -22,7 +22,7 @@ pub mod walk;
 pub mod within;
 
 pub use depth::{Depths, Penetration};
-pub use detect::{Body, Detector, Grading, Hit, mean_edge_m};
+pub use detect::{Body, Detector, Grading, Hit, mean_edge_m, mean_rest_edge_m};
 pub use folds::Folds;
 pub use fresh::FreshCuts;
 pub use inside::Weights;

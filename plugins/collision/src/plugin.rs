@@ -3,7 +3,7 @@
 use crate::anatomy::SolidSurface;
 use crate::contacts::{Party, between_tissue, exempt, part, with_anatomy, with_tool, with_tool_within};
 use crate::depth::Depths;
-use crate::detect::{Body, Detector, Hit};
+use crate::detect::{Body, Detector, Hit, mean_rest_edge_m};
 use crate::folds::Folds;
 use crate::fresh::FreshCuts;
 use crate::meet::{Meeting, part_against_part, part_against_surface};
@@ -55,6 +55,8 @@ struct Workspace {
 #[derive(Component)]
 struct OrganShape {
     shape: Shape,
+    /// Mean length of its edges when it came, m.
+    edge_m: f32,
     cut: bool,
     /// What looks for the organ in itself; there once it has been needed.
     folds: Option<Folds>,
@@ -111,7 +113,7 @@ fn adopt_changes(
     for TopologyChanged { organ, delta } in changes.read() {
         work.fresh.adopt(*organ, delta);
         if let Ok((mesh, mut known)) = organs.get_mut(*organ) {
-            let OrganShape { shape, cut, folds } = &mut *known;
+            let OrganShape { shape, cut, folds, .. } = &mut *known;
             let touched = shape.update(&mesh.0, delta);
             if let Some(folds) = folds {
                 folds.update(&mesh.0, shape, delta, &touched);
@@ -129,7 +131,7 @@ fn prepare(
     surfaces: Query<(Entity, &StaticSurface), Without<Seen>>,
 ) {
     for (organ, mesh, cut) in &organs {
-        commands.entity(organ).insert(OrganShape { shape: Shape::of(&mesh.0), cut, folds: None });
+        commands.entity(organ).insert(OrganShape { shape: Shape::of(&mesh.0), edge_m: mean_rest_edge_m(&mesh.0), cut, folds: None });
     }
     for (tool, instrument, model, jaws) in &tools {
         let parts = ToolParts { parts: tool_parts(instrument, model), angle_rad: jaws.angle_rad };
@@ -179,7 +181,7 @@ fn find_contacts(
         if state.positions.len().min(state.velocities.len()) < known.shape.roles().len() {
             continue;
         }
-        let OrganShape { shape, cut, folds } = &mut **known;
+        let OrganShape { shape, edge_m, cut, folds } = &mut **known;
         let meets_itself = match settings.self_collision {
             SelfCollision::OnceCut => *cut,
             SelfCollision::Always => true,
@@ -195,6 +197,7 @@ fn find_contacts(
             shape,
             positions: &state.positions,
             velocities: &state.velocities,
+            edge_m: *edge_m,
             friction: friction.map_or(settings.tissue_friction, |f| f.0),
         });
         contacts.push(&mut list.0);

@@ -5,6 +5,7 @@ use bevy_ecs::prelude::*;
 use bevy_math::{Isometry3d, Quat, Vec3};
 use keyhole_collision::anatomy::{AnatomyError, SolidSurface};
 use keyhole_collision::contacts::{Party, with_anatomy, with_tool};
+use keyhole_collision::mean_rest_edge_m;
 use keyhole_collision::tool::{Motion, ToolPart};
 use keyhole_whiteboard::{Contact, StaticSurface};
 
@@ -16,7 +17,7 @@ fn entity() -> Entity {
 
 fn party<'a>(thing: &'a Thing, velocities: &'a [Vec3]) -> Party<'a> {
     let Thing { mesh, shape, positions } = thing;
-    Party { organ: entity(), topology: mesh.topology(), shape, positions, velocities, friction: 0.1 }
+    Party { organ: entity(), topology: mesh.topology(), shape, positions, velocities, edge_m: mean_rest_edge_m(mesh), friction: 0.1 }
 }
 
 fn point(thing: &Thing, contact: &Contact) -> Vec3 {

@@ -3,9 +3,9 @@
 use crate::meshes::{at_rest, block};
 use bevy_app::App;
 use bevy_ecs::prelude::*;
-use bevy_math::{Isometry3d, Vec3};
+use bevy_math::{DVec3, Isometry3d, Vec3};
 use bevy_time::{Fixed, Time, TimePlugin, TimeUpdateStrategy};
-use keyhole_collision::CollisionPlugin;
+use keyhole_collision::{CollisionPlugin, CollisionSettings, SelfCollision};
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_whiteboard::{
     Blade, Contact, Contacts, CutTrigger, CuttingLine, Instrument, InstrumentKind, InstrumentPose, Joint, LineShape, Obstacle, Organ,
@@ -206,4 +206,21 @@ fn a_shaft_runs_through_the_wall_in_its_port() {
     };
     assert!(near(None) > 0);
     assert_eq!(near(Some(port)), 0);
+}
+
+/// A node that was torn through its own body once came out at the far side, as a contact centimetres deep that stretched a piece to four times its length.
+#[test]
+fn a_node_deep_in_its_own_body_is_not_in_contact_with_it() {
+    let mut app = app();
+    app.insert_resource(CollisionSettings { self_collision: SelfCollision::Always, ..Default::default() });
+    let mesh = block([8; 3], [0.04; 3]);
+    let on_face = mesh.nodes().find(|n| mesh.rest(*n).distance(DVec3::new(0.02, 0.02, 0.0)) < 1e-6).unwrap();
+    let body = organ(&mut app, mesh, Vec3::ZERO);
+    let mut own = |depth_m: f32| {
+        app.world_mut().get_mut::<TissueState>(body).unwrap().positions[on_face.index()].z = depth_m;
+        app.update();
+        contacts(&app, body).iter().filter(|c| matches!(c.against, Obstacle::Own(_))).map(|c| c.depth_m).fold(0.0, f32::max)
+    };
+    let deepest = (1..40).map(|mm| own(mm as f32 * 1e-3)).fold(0.0, f32::max);
+    assert!(deepest > 0.0 && deepest < 0.0125, "{deepest} m of a mesh with edges of 6 mm");
 }

@@ -7,7 +7,7 @@ use keyhole_collision::anatomy::SolidSurface;
 use keyhole_collision::contacts::{Party, with_tool, with_tool_within};
 use keyhole_collision::meet::{part_against_part, part_against_surface};
 use keyhole_collision::tool::{Motion, ToolPart};
-use keyhole_collision::{Body, Detector, Grading, Hit, Shape};
+use keyhole_collision::{Body, Detector, Grading, Hit, Shape, mean_rest_edge_m};
 use keyhole_whiteboard::{Contact, StaticSurface};
 use proptest::prelude::*;
 
@@ -17,7 +17,15 @@ const WAY: f32 = 5.0 * DT;
 
 fn party<'a>(thing: &'a Thing, velocities: &'a [Vec3]) -> Party<'a> {
     let Thing { mesh, shape, positions } = thing;
-    Party { organ: World::new().spawn_empty().id(), topology: mesh.topology(), shape, positions, velocities, friction: 0.1 }
+    Party {
+        organ: World::new().spawn_empty().id(),
+        topology: mesh.topology(),
+        shape,
+        positions,
+        velocities,
+        edge_m: mean_rest_edge_m(mesh),
+        friction: 0.1,
+    }
 }
 
 /// A flap of 60 x 5 x 60 mm about the origin.
