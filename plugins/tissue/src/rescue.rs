@@ -22,12 +22,26 @@ const TOLERANCE: f64 = 1e-3;
 /// A hold of several nodes without compliance is a spring this many times as stiff as its nodes.
 const RIGID: f32 = 100.0;
 
+/// Sum of the squares of the stretches of an element that is torn: 3.4 along one axis at the same volume.
+const TORN: f32 = 12.0;
+
 /// Whether more than one in `part` of the elements are inverted.
 #[must_use]
 pub fn is_tangled(body: &Body, state: &TissueState, part: usize) -> bool {
     let inverted =
         |e: &&crate::element::Element| !e.is_empty() && e.deformation(e.indices().map(|i| state.positions[i])).determinant() <= 0.0;
     body.elements().iter().filter(inverted).count() * part > body.elements().len()
+}
+
+/// Whether more than one in twenty of the elements are stretched to more than about three times their length, which no tissue bears.
+#[must_use]
+pub fn is_torn_out_of_shape(body: &Body, state: &TissueState) -> bool {
+    let stretched = |e: &&crate::element::Element| {
+        let f = e.deformation(e.indices().map(|i| state.positions[i]));
+        f.x_axis.length_squared() + f.y_axis.length_squared() + f.z_axis.length_squared() > TORN
+    };
+    let elements = || body.elements().iter().filter(|e| !e.is_empty());
+    elements().filter(stretched).count() * 20 > elements().count()
 }
 
 /// Steps a tangled body over one tick of `dt` s under gravity (m/s2) with this drag (1/s).
