@@ -2,10 +2,11 @@
 //! of its own, whatever the number of threads.
 
 use crate::clusters::Clusters;
+use crate::delassus::Delassus;
 use crate::multilevel::{GRAIN, Multilevel};
 use crate::rows::{CHUNK, Rows};
 use crate::touches::Touches;
-use bevy_math::Vec3A;
+use bevy_math::{Mat3A, Vec3A};
 use keyhole_whiteboard::TissuePoint;
 use rayon::prelude::*;
 
@@ -43,12 +44,12 @@ pub(crate) struct System<'a> {
 /// When to stop.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stop {
-    /// Share of the residual's size.
+    /// Share of the residual.
     pub tolerance: f32,
+    /// The same for one of more than this size, J: the step after it is about another system.
+    pub hasty: (f32, f64),
     /// Size of the residual below which nothing is worth doing, J.
     pub least: f64,
-    /// Size that is too much, whatever it was before, J.
-    pub most: f64,
     /// Most iterations.
     pub iterations: u32,
 }
@@ -106,10 +107,34 @@ pub(crate) struct Equation<'a> {
 }
 
 impl Equation<'_> {
-    /// Applies the preconditioner to the residual; the product of both.
+    /// The coarse levels' part of the preconditioner.
+    fn solve_coarse(&mut self) {
+        self.levels.restrict(self.system.clusters, &self.gradients.residual);
+        self.levels.solve(self.system.clusters);
+    }
+
+    /// The nodes' part of it; the product of the residual with what was made of it.
     fn precondition(&mut self) -> f64 {
         let Gradients { residual, scaled, partial, .. } = &mut *self.gradients;
-        self.levels.apply(self.system.clusters, self.system.rows, residual, scaled, partial)
+        self.levels.prolong(self.system.clusters, self.system.rows, residual, scaled, partial)
+    }
+
+    fn inverse(&self, node: usize) -> Mat3A {
+        self.system.rows.chunks[node / CHUNK].inverses()[node % CHUNK]
+    }
+
+    /// What the preconditioner makes of the residual of a node that moves freely, once the coarse levels are solved.
+    pub(crate) fn at(&self, node: usize) -> Vec3A {
+        self.levels.at(self.system.clusters, node, self.inverse(node), self.gradients.residual[node])
+    }
+
+    /// Takes a force off the residual of such a node; the residual as it was.
+    pub(crate) fn take(&mut self, node: usize, force: Vec3A) -> Vec3A {
+        let residual = &mut self.gradients.residual[node];
+        let before = *residual;
+        *residual -= force;
+        self.levels.pull(self.system.clusters, node, -force);
+        before
     }
 
     fn multiply(&mut self) -> f64 {
@@ -139,16 +164,13 @@ impl Equation<'_> {
 }
 
 /// Solves `A solution = residual` from zero, for all bodies and what joins them together.
-pub(crate) fn solve(equations: &mut [Equation<'_>], touches: &Touches, stop: Stop) -> Solved {
-    let precondition = |equations: &mut [Equation<'_>]| {
-        let own: f64 = equations.iter_mut().map(Equation::precondition).sum();
-        own + touches.precondition(equations)
-    };
+pub(crate) fn solve(equations: &mut [Equation<'_>], touches: &Touches, held: &mut Delassus, stop: Stop) -> Solved {
     for e in equations.iter_mut() {
         e.gradients.solution.fill(Vec3A::ZERO);
     }
-    let mut size = precondition(equations);
-    let enough = (size * f64::from(stop.tolerance).powi(2)).min(stop.most).max(stop.least);
+    let mut size = size_by(equations, held);
+    let tolerance = if size > stop.hasty.1 { stop.hasty.0 } else { stop.tolerance };
+    let enough = (size * f64::from(tolerance).powi(2)).max(stop.least);
     for e in equations.iter_mut() {
         e.gradients.direction.copy_from_slice(&e.gradients.scaled);
     }
@@ -167,7 +189,7 @@ pub(crate) fn solve(equations: &mut [Equation<'_>], touches: &Touches, stop: Sto
         let length = (size / curvature) as f32;
         solved.gain += size * size / curvature;
         equations.iter_mut().for_each(|e| e.descend(length));
-        let next = precondition(equations);
+        let next = size_by(equations, held);
         let keep = (next / size) as f32;
         size = next;
         solved.iterations += 1;
@@ -176,10 +198,22 @@ pub(crate) fn solve(equations: &mut [Equation<'_>], touches: &Touches, stop: Sto
     solved
 }
 
-/// The size of the residuals in the norm of the preconditioner, J.
-pub(crate) fn size(equations: &mut [Equation<'_>], touches: &Touches) -> f64 {
-    let own: f64 = equations.iter_mut().map(Equation::precondition).sum();
-    own + touches.precondition(equations)
+/// Applies the preconditioner of the tissue and of the contacts to the residuals; the size of the residuals in its norm, J.
+pub(crate) fn size_by(equations: &mut [Equation<'_>], held: &mut Delassus) -> f64 {
+    equations.iter_mut().for_each(Equation::solve_coarse);
+    if held.is_empty() {
+        return equations.iter_mut().map(Equation::precondition).sum();
+    }
+    let own = held.hold(equations);
+    let size = own + equations.iter_mut().map(Equation::precondition).sum::<f64>();
+    held.let_go(equations);
+    size
+}
+
+/// The size of the residuals in the norm of the preconditioner of the tissue alone, J.
+pub(crate) fn size(equations: &mut [Equation<'_>]) -> f64 {
+    equations.iter_mut().for_each(Equation::solve_coarse);
+    equations.iter_mut().map(Equation::precondition).sum()
 }
 
 /// `out = A v`, zero where a node is not free; and the product of both.

@@ -19,7 +19,8 @@
 //! - Force at `x + b v` is viscosity: a mode of angular frequency `w` has damping ratio `b w / 2`.
 //!
 //! A stage in which a contact pushes (`touch.rs`) is not gone on with: the impulse of what hits would be counted again, and thrown back. The first stage is a step of
-//! backward Euler from the beginning to `c h`, and the rest of the substep is another one. Where nothing pushes nothing is different.
+//! backward Euler from the beginning to `c h`, and the rest of the substep is another one; where contacts already pushed when the substep began both
+//! are half of it, with one tangent. Where nothing pushes nothing is different.
 //!
 //! Where the energy is not convex along the way, or the residual does not fall, the substep is done again as one of backward Euler with a convex bound of
 //! the tangent and as many steps of Newton's method as the energy wants: it goes down, whatever the state. A tick that begins with a tangle is left to
@@ -30,7 +31,7 @@ use crate::gradients::{Spring, Stop};
 use crate::hold::Hold;
 use crate::island::Member;
 use crate::membrane::Membrane;
-use crate::newton::{Astray, Care, Newton, Part, TANGLED, Tangent, Tissue, Weights, minimise};
+use crate::newton::{Astray, Care, FRESH, Newton, Part, TANGLED, Tangent, Tissue, Weights, minimise};
 use crate::rescue;
 use crate::settings::{TimeStepping, TissueSettings};
 use crate::touches::{Grips, Touches};
@@ -236,13 +237,14 @@ fn substep_of(movers: &mut [Mover<'_>], touches: &mut Touches, step: Step, setti
         let doubtful = movers.iter().any(|m| m.solver.newton.rounds > 1);
         return finish_unless_gained(movers, touches, step, whole, settings, doubtful);
     }
-    let length = STAGE * step.h;
+    let lasting = touches.last();
+    let length = if lasting { step.h / 2.0 } else { STAGE * step.h };
     let first = Stage::new(length, 0.0, settings);
     movers.iter_mut().for_each(|m| m.solver.begin(m.state));
     stage_of(movers, touches, step, first, settings, Care::Usual, Tangent::Own)?;
     // Where one step was enough the tangent hardly changes.
     let hard = movers.iter().any(|m| m.solver.newton.rounds > 1);
-    if touches.push() {
+    if lasting || touches.push() {
         // What a contact does is no smooth force: it is not gone on with. The first stage was a step of backward Euler, and so is the rest.
         touches.finish(length);
         let rest = Stage::new(step.h - length, length, settings);
@@ -252,7 +254,8 @@ fn substep_of(movers: &mut [Mover<'_>], touches: &mut Touches, step: Step, setti
                 *with = *first;
             }
         }
-        stage_of(movers, touches, step, rest, settings, Care::Usual, Tangent::Own)?;
+        let kept = if lasting && movers.iter().all(|m| m.solver.newton.rounds < FRESH) { Tangent::Kept } else { Tangent::Own };
+        stage_of(movers, touches, step, rest, settings, Care::Usual, kept)?;
         let doubtful = hard || movers.iter().any(|m| m.solver.newton.rounds > 1);
         return finish_unless_gained(movers, touches, step, rest, settings, doubtful);
     }
@@ -333,7 +336,7 @@ fn stage_of(
     }
     let time_s = (step.end - step.share) * step.dt + stage.before;
     touches.begin(|part| &movers[part].solver.from, time_s, stage.length, stage.reach);
-    let stop = Stop { tolerance: settings.tolerance, least, most: f64::INFINITY, iterations: settings.iterations };
+    let stop = Stop { tolerance: settings.tolerance, hasty: (settings.tolerance, 0.0), least, iterations: settings.iterations };
     let weights = Weights { inertia, drag: stage.drag / stage.length, reach: stage.reach };
     let mut parts: SmallVec<[Part<'_>; 2]> = SmallVec::new();
     for m in movers.iter_mut() {

@@ -5,6 +5,7 @@ pub mod beam;
 pub mod body;
 pub mod clusters;
 pub mod colouring;
+mod delassus;
 pub mod element;
 pub mod gradients;
 pub mod graph;

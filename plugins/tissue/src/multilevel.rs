@@ -31,7 +31,7 @@ fn add_inertia(sums: &mut [f32], arm: Vec3A, added: f32) {
 }
 
 /// Rigid motions of a cluster.
-const RIGID: usize = 6;
+pub(crate) const RIGID: usize = 6;
 
 /// A force and a torque, or a velocity and a rotation.
 #[derive(Clone, Copy, Debug, Default)]
@@ -90,7 +90,7 @@ pub struct Multilevel {
 
 impl Multilevel {
     /// Rows of the dense matrix.
-    fn order(&self) -> usize {
+    pub(crate) fn order(&self) -> usize {
         RIGID * self.large.len()
     }
 
@@ -103,16 +103,8 @@ impl Multilevel {
             + 4 * (self.large_of.capacity() + self.dense.capacity() + self.vector.capacity())
     }
 
-    /// Takes the levels to the positions `x` (m) at which `rows` were assembled with `inertia`, which gave `forces`; `pins` is what the diagonals have besides.
-    pub(crate) fn prepare(
-        &mut self,
-        clusters: &Clusters,
-        rows: &Rows,
-        x: &[Vec3A],
-        inertia: Inertia<'_>,
-        forces: &[Forces],
-        pins: &[(u32, Mat3A)],
-    ) {
+    /// Takes the levels to the positions `x` (m) at which `rows` were assembled with `inertia`, which gave `forces`.
+    pub(crate) fn prepare(&mut self, clusters: &Clusters, rows: &Rows, x: &[Vec3A], inertia: Inertia<'_>, forces: &[Forces]) {
         self.at.clear();
         self.at.extend_from_slice(x);
         self.small.resize(clusters.nodes.len(), Small::default());
@@ -143,13 +135,6 @@ impl Multilevel {
                     }
                 }
             });
-            for (node, block) in pins {
-                let (n, c) = (*node as usize, large_of[*node as usize]);
-                if c != NONE {
-                    let strip = &mut self.dense[RIGID * order * c as usize..][..RIGID * order];
-                    pin(*block, x[n], large[c as usize], &mut strip[RIGID * c as usize..], order);
-                }
-            }
             self.inertia.clear();
             self.inertia.resize(order, 0.0);
             for ((children, large), sums) in clusters.children.iter().zip(&self.large).zip(self.inertia.chunks_mut(RIGID)) {
@@ -161,8 +146,8 @@ impl Multilevel {
         }
     }
 
-    /// `z = B r`, zero where a node is not free; and the sum of the products of both.
-    pub(crate) fn apply(&mut self, clusters: &Clusters, rows: &Rows, r: &[Vec3A], z: &mut [Vec3A], partial: &mut [f32]) -> f64 {
+    /// What the nodes of each small cluster pull: the first part of `z = B r`.
+    pub(crate) fn restrict(&mut self, clusters: &Clusters, r: &[Vec3A]) {
         let x = &self.at;
         self.small.par_iter_mut().zip(&clusters.nodes).with_min_len(64).for_each(|(small, nodes)| {
             let mut pull = Twist::default();
@@ -172,7 +157,13 @@ impl Multilevel {
                 pull.turn += (x[n] - small.centre).cross(r);
             }
             small.pull = pull;
-            let scaled = Twist { straight: pull.straight, turn: pull.turn * small.scale };
+        });
+    }
+
+    /// How the clusters move with what pulls them: the second part.
+    pub(crate) fn solve(&mut self, clusters: &Clusters) {
+        self.small.par_iter_mut().with_min_len(64).for_each(|small| {
+            let scaled = Twist { straight: small.pull.straight, turn: small.pull.turn * small.scale };
             small.motion = Twist::from_slice(&solve_small(&small.factor, scaled.array()));
             small.motion.turn *= small.scale;
         });
@@ -196,6 +187,10 @@ impl Multilevel {
                 small.motion.turn += turn;
             }
         }
+    }
+
+    /// `z` by the motions of the clusters, zero where a node is not free; and the sum of the products of both: the last part.
+    pub(crate) fn prolong(&self, clusters: &Clusters, rows: &Rows, r: &[Vec3A], z: &mut [Vec3A], partial: &mut [f32]) -> f64 {
         let size = crate::rows::CHUNK;
         let (small, x) = (&self.small, &self.at);
         z.par_chunks_mut(size)
@@ -219,6 +214,57 @@ impl Multilevel {
             });
         partial.iter().map(|p| f64::from(*p)).sum()
     }
+
+    /// `z` of a node that is in a cluster, by the motions of the clusters.
+    pub(crate) fn at(&self, clusters: &Clusters, node: usize, inverse: Mat3A, r: Vec3A) -> Vec3A {
+        let small = &self.small[clusters.of_node[node] as usize];
+        inverse * r + small.motion.straight + small.motion.turn.cross(self.at[node] - small.centre)
+    }
+
+    /// Adds a force (N) at a node to what pulls its cluster.
+    pub(crate) fn pull(&mut self, clusters: &Clusters, node: usize, force: Vec3A) {
+        let small = &mut self.small[clusters.of_node[node] as usize];
+        small.pull.straight += force;
+        small.pull.turn += (self.at[node] - small.centre).cross(force);
+    }
+
+    /// What a force at a node that is in a cluster is to its clusters.
+    pub(crate) fn lever(&self, clusters: &Clusters, node: usize, force: Vec3A) -> Lever {
+        let of = |centre: Vec3A, scale: f32| Twist { straight: force, turn: (self.at[node] - centre).cross(force) * scale }.array();
+        let small = clusters.of_node[node];
+        let large = clusters.large_of(node);
+        let own = &self.small[small as usize];
+        let above = self.large.get(large as usize);
+        Lever {
+            small,
+            on_small: of(own.centre, own.scale),
+            large: above.map(|_| large),
+            on_large: above.map_or([0.0; RIGID], |l| of(l.centre, l.scale)),
+        }
+    }
+
+    /// How a small cluster moves with forces on it, both as in [`Lever`].
+    pub(crate) fn move_small(&self, cluster: u32, forces: [f32; RIGID]) -> [f32; RIGID] {
+        solve_small(&self.small[cluster as usize].factor, forces)
+    }
+
+    /// Makes forces on the large clusters their motions, both as in [`Lever`].
+    pub(crate) fn move_large(&self, forces: &mut [f32]) {
+        solve_dense(&self.dense, self.order(), forces);
+    }
+}
+
+/// What a force at a node is to its clusters: a force and a torque by their radius, N.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Lever {
+    /// Its small cluster.
+    pub small: u32,
+    /// What it is to that.
+    pub on_small: [f32; RIGID],
+    /// Its large cluster, if it has one.
+    pub large: Option<u32>,
+    /// What it is to that.
+    pub on_large: [f32; RIGID],
 }
 
 /// Chunks that one thread takes at least.
@@ -324,16 +370,6 @@ fn gather(i: usize, own: usize, strip: &mut [f32], large: &[Large], large_of: &[
     }
 }
 
-/// Adds a block on the diagonal of a node at `x` to the tangent of its large cluster, the rows of which are `order` apart.
-fn pin(block: Mat3A, x: Vec3A, Large { centre, scale }: Large, tangent: &mut [f32], order: usize) {
-    let arm = (x - centre) * scale;
-    for (q, column) in columns(block, x - centre, scale).into_iter().enumerate() {
-        for (p, e) in (Twist { straight: column, turn: arm.cross(column) }).array().into_iter().enumerate() {
-            tangent[p * order + q] += e;
-        }
-    }
-}
-
 /// Factors the lower triangle of a dense matrix by rows in place; the diagonal keeps its inverse, zero for a motion without inertia.
 fn factor_dense(m: &mut [f32], inertia: &[f32]) {
     let order = inertia.len();
@@ -367,7 +403,7 @@ fn solve_dense(m: &[f32], order: usize, b: &mut [f32]) {
 }
 
 /// Sum of products, in lanes of a fixed number: the same bits whatever the machine's vectors are.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
+pub(crate) fn dot(a: &[f32], b: &[f32]) -> f32 {
     let (a, a_rest) = a.as_chunks::<16>();
     let (b, b_rest) = b.as_chunks::<16>();
     let mut lanes = [0.0_f32; 16];

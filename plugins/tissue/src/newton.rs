@@ -4,9 +4,9 @@
 use crate::body::Body;
 use crate::clusters::Clusters;
 use crate::element::Element;
-use crate::gradients::{Equation, Gradients, Spring, Stop, System, size, solve};
+use crate::gradients::{Equation, Gradients, Spring, Stop, System, size};
 use crate::membrane::Membrane;
-use crate::multilevel::{GRAIN, Multilevel};
+use crate::multilevel::{GRAIN, Lever, Multilevel};
 use crate::rows::{CHUNK, Forces, Inertia, Rows};
 use crate::skin;
 use crate::touches::Touches;
@@ -34,8 +34,11 @@ const CAREFUL_STEPS: u32 = 6;
 /// Share of the square of the residual that a stage may leave.
 const ENOUGH: f64 = 0.04;
 
-/// The same at which conjugate gradients stop where contacts push.
-const FAIR: f64 = 0.001;
+/// Share of the residual at which conjugate gradients stop where contacts push and it is not small: the step after it is about other contacts.
+const HASTY: f32 = 0.4;
+
+/// Share of the square of the residual without contacts below which nothing is worth doing.
+const NOTHING: f64 = 1e-11;
 
 /// Share of the square of the residual without contacts that a stage with contacts may leave: what is left of it is momentum.
 const TOUCHING_ENOUGH: f64 = 0.004;
@@ -43,16 +46,13 @@ const TOUCHING_ENOUGH: f64 = 0.004;
 /// The same that is too much after all steps. Below it momentum is balanced, and the shape is left for the next tick.
 const TOUCHING_WILD: f64 = 4.0;
 
-/// So many times the iterations of conjugate gradients are allowed where contacts push: they are stiffer than the tissue.
-const STIFFER: u32 = 4;
-
 /// So many times the iterations that a stage may take goes one with contacts on with, all its steps together. What is left then is left for the next tick:
 /// an organ of ten thousand elements that is pushed, folded and pulled at once would take ten ticks' time to balance.
 const BUDGET: u32 = 1;
 
 /// Further steps where there are contacts, and after how many the tangent of the tissue is assembled anew there.
 const TOUCHING_STEPS: u32 = 8;
-const FRESH: u32 = 4;
+pub(crate) const FRESH: u32 = 4;
 
 /// Multiple of the size of residual at which conjugate gradients stop that a stage may leave: there is hardly more than rounding in it.
 const ROUNDING: f64 = 16.0;
@@ -116,7 +116,7 @@ pub(crate) struct Weights {
 pub struct Newton {
     pub(crate) rows: Rows,
     pub(crate) clusters: Clusters,
-    levels: Multilevel,
+    pub(crate) levels: Multilevel,
     pub(crate) gradients: Gradients,
     /// Where the forces are taken: the start, then the solution, m.
     pub(crate) x: Vec<Vec3A>,
@@ -132,8 +132,6 @@ pub struct Newton {
     pub(crate) springs: Vec<Spring>,
     /// Of a body that only contacts hold: the middle of its mass where the stage begins (m), and the velocity (m/s) that drag was taken about.
     pub(crate) drift: Option<(DVec3, Vec3A)>,
-    /// What contacts add to the diagonal of the rows, by node, ascending, N/m.
-    pub(crate) pins: Vec<(u32, Mat3A)>,
     /// Steps that the last stage took.
     pub(crate) rounds: u32,
     /// Iterations of conjugate gradients since this was last set to zero.
@@ -222,20 +220,20 @@ impl Newton {
         inverted as usize / 4
     }
 
-    /// Makes the preconditioner for the tangent, and what contacts add to its diagonal.
+    /// Makes the preconditioner for the tangent.
     fn prepare(&mut self, convex: bool) {
-        for (node, block) in &self.pins {
-            self.rows.chunks[*node as usize / CHUNK].pin(*node as usize % CHUNK, *block);
-        }
         let weights = Inertia { added: &self.added, free: &self.free, convex };
-        self.levels.prepare(&self.clusters, &self.rows, &self.x, weights, &self.forces, &self.pins);
+        self.levels.prepare(&self.clusters, &self.rows, &self.x, weights, &self.forces);
     }
 
-    /// Takes what contacts added off the diagonal again.
-    fn unpin(&mut self) {
-        for (node, block) in &self.pins {
-            self.rows.chunks[*node as usize / CHUNK].pin(*node as usize % CHUNK, *block * -1.0);
-        }
+    /// What a force (N) at a node that moves freely is to its clusters.
+    pub(crate) fn lever(&self, node: usize, force: Vec3A) -> Lever {
+        self.levels.lever(&self.clusters, node, force)
+    }
+
+    /// The inverse of the diagonal block of a node, m/N.
+    pub(crate) fn inverse(&self, node: usize) -> Mat3A {
+        self.rows.chunks[node / CHUNK].inverses()[node % CHUNK]
     }
 
     /// Adds inertia and springs to the elastic forces that are in the residual.
@@ -330,29 +328,28 @@ pub(crate) fn minimise(
             if inverted * TANGLED > elements && care == Care::Usual {
                 return Err(Astray::Tangled);
             }
-            touches.pin(parts);
             parts.iter_mut().for_each(|p| p.newton.prepare(convex));
             balance(parts, touches, weights);
             stale = false;
-        } else {
-            // Of the tangent only the contacts' part is another.
-            parts.iter_mut().for_each(|p| p.newton.unpin());
-            touches.pin(parts);
-            parts.iter_mut().for_each(|p| p.newton.prepare(convex));
         }
         if round == 1 && care == Care::Usual && touches.push() {
             // By what the bodies would do without contacts it is measured what is enough: the contacts may say anything where it is begun.
             touches.add_forces(parts, -1.0);
-            before = with_equations(parts, |equations| size(equations, touches));
+            before = with_equations(parts, size);
             touches.add_forces(parts, 1.0);
         }
-        // A contact that was not foreseen makes a residual of its own, a small part of which is still much.
+        touches.hold(parts);
         let stop = if before > 0.0 && touches.push() {
-            Stop { most: before * FAIR, iterations: (stop.iterations * STIFFER).min(all - spent), ..stop }
+            Stop {
+                hasty: (stop.tolerance.max(HASTY), before * TOUCHING_ENOUGH),
+                least: stop.least.max(before * NOTHING),
+                iterations: all - spent,
+                ..stop
+            }
         } else {
             stop
         };
-        let solved = with_equations(parts, |equations| solve(equations, touches, stop));
+        let solved = with_equations(parts, |equations| touches.solve(equations, stop));
         if before <= 0.0 {
             before = solved.before;
         }
@@ -376,7 +373,7 @@ pub(crate) fn minimise(
                 parts.iter_mut().for_each(|p| p.newton.go(part));
                 touches.look(parts);
                 look(parts, touches, weights);
-                let size = with_equations(parts, |equations| size(equations, touches));
+                let size = with_equations(parts, |equations| touches.size(equations));
                 let left = size / before;
                 let enough = if touches.push() { TOUCHING_ENOUGH } else { ENOUGH };
                 if left <= enough || size <= ROUNDING * stop.least {

@@ -365,12 +365,6 @@ impl Chunk {
         self.diagonal[at] -= (total + total.transpose()) * 0.5;
     }
 
-    /// Adds to the diagonal of a node that moves freely.
-    pub(crate) fn pin(&mut self, at: usize, block: Mat3A) {
-        self.diagonal[at] += block;
-        self.invert(at);
-    }
-
     /// Inverts the diagonal block of a node that moves freely anew.
     pub(crate) fn invert(&mut self, at: usize) {
         if self.inverse[at] != Mat3A::ZERO {

@@ -70,8 +70,6 @@ pub(crate) struct Answer {
     pub touches: bool,
     /// How it falls with the point where forces are taken, N/m.
     pub block: Mat3A,
-    /// What friction would be if it stuck, N.
-    stick: Vec3A,
 }
 
 /// A contact of bodies that are solved together.
@@ -100,10 +98,6 @@ pub(crate) struct Touch {
     line: (Vec3A, Vec3A),
     /// What it says now.
     pub now: Answer,
-    /// What the diagonal of the rows has of it by weight, N/m.
-    pub lumped: Mat3A,
-    /// Inverse of what resists a motion of all its nodes together, m/N; zero but where it joins tissue to tissue.
-    pub common: Mat3A,
     /// Sum of force times time in this tick, N s.
     pub impulse: Vec3A,
 }
@@ -199,21 +193,25 @@ impl Touch {
         let outer = |v: Vec3A| Mat3A::from_cols(v * v.x, v * v.y, v * v.z);
         let mut block = outer(n) * (stiffness * ratio);
         let mut force = n * push;
-        let mut stick = Vec3A::ZERO;
         let cap = self.friction * self.pushed;
         if cap > 0.0 {
-            stick = self.stick_at(place);
+            let stick = self.stick_at(place);
             let size = stick.length();
             let held = if size > cap { cap / size } else { 1.0 };
             force += stick * held;
-            let mut slope = Mat3A::IDENTITY - outer(n);
-            // What slides on pulls with the same force; where the last step turned it round it is about to stick.
-            if size > cap && self.now.stick.dot(stick) >= 0.0 {
-                slope -= outer(stick / size);
-            }
+            // Of what slides the least convex function above that has no kink: it never goes too far.
+            let slope = Mat3A::IDENTITY - outer(n);
             block += slope * (self.spring * ratio * held);
         }
-        Answer { force, push, block, stick, touches }
+        Answer { force, push, block, touches }
+    }
+
+    /// Vectors the squares of which are together [`Answer::block`], (N/m)^1/2: along the normal, then along the obstacle.
+    pub(crate) fn rows(&self) -> [Vec3A; 3] {
+        let (n, block) = (self.normal, self.now.block);
+        let along = n.any_orthonormal_vector();
+        let root = |v: Vec3A| v * (block * v).dot(v).max(0.0).sqrt();
+        [root(n), root(along), root(n.cross(along))]
     }
 
     /// What the force is the gradient of, J.

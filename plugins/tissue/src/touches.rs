@@ -3,11 +3,11 @@
 //! A contact of tissue with tissue moves both sides: it is one force on the points of both, in one system, so that what one loses of momentum the
 //! other gets. The two list it each; it is taken from the first of them.
 //!
-//! In the system a contact is a block that joins all its nodes. The preconditioner has its diagonal, by weight, and for contacts of tissue with tissue the motion
-//! of all its nodes together, which the contact does not resist.
+//! In the system a contact is a block that joins all its nodes. The preconditioner knows it by `delassus.rs`.
 
 use crate::body::Body;
-use crate::gradients::Equation;
+use crate::delassus::Delassus;
+use crate::gradients::{Equation, Solved, Stop, size_by, solve};
 use crate::island::Member;
 use crate::membrane::Membrane;
 use crate::newton::{Newton, Part};
@@ -66,6 +66,8 @@ pub(crate) struct Touches {
     list: Vec<Touch>,
     /// Where each is listed, and where again from the other side.
     places: Vec<(Place, Option<Place>)>,
+    /// Their part of the preconditioner.
+    held: Delassus,
     /// Forces and impulses to go back to.
     kept: Vec<(Vec3A, f32, Vec3A)>,
 }
@@ -79,6 +81,11 @@ impl Touches {
     /// Whether some of them push.
     pub(crate) fn push(&self) -> bool {
         self.list.iter().any(|t| t.now.touches)
+    }
+
+    /// Whether some pushed at the end of the stage before.
+    pub(crate) fn last(&self) -> bool {
+        self.list.iter().any(|t| t.pushed > 0.0)
     }
 
     /// Whether some push that are with something else than these bodies.
@@ -247,73 +254,38 @@ impl Touches {
         }
     }
 
-    /// Lays down what the diagonals of the rows are to have of the contacts.
-    pub(crate) fn pin(&mut self, parts: &mut [Part<'_>]) {
-        for part in &mut *parts {
-            part.newton.pins.clear();
-        }
-        for touch in &mut self.list {
-            (touch.lumped, touch.common) = (touch.now.block, Mat3A::ZERO);
-            if !touch.now.touches {
-                continue;
-            }
-            let mut together = Mat3A::ZERO;
-            for a in &touch.arms {
-                let newton = &mut *parts[a.part as usize].newton;
-                if newton.free[a.node as usize] {
-                    newton.pins.push((a.node, touch.lumped * lump(a)));
-                    together += newton.rows.diagonal(a.node as usize);
-                }
-            }
-            if touch.joins() && together != Mat3A::ZERO {
-                touch.common = together.inverse();
-            }
-        }
-        for part in parts {
-            let pins = &mut part.newton.pins;
-            pins.sort_unstable_by_key(|(node, _)| *node);
-            pins.dedup_by(|more, kept| {
-                let same = more.0 == kept.0;
-                if same {
-                    kept.1 += more.1;
-                }
-                same
-            });
-        }
+    /// Makes the preconditioner one that knows the contacts as they were last looked at.
+    pub(crate) fn hold(&mut self, parts: &[Part<'_>]) {
+        self.held.build(&self.list, parts);
     }
 
-    /// Adds to the images of the directions what the contacts have beyond the diagonals; the product of that with the directions.
+    /// Solves the system of the bodies and the contacts.
+    pub(crate) fn solve(&mut self, equations: &mut [Equation<'_>], stop: Stop) -> Solved {
+        let mut held = std::mem::take(&mut self.held);
+        let solved = solve(equations, self, &mut held, stop);
+        self.held = held;
+        solved
+    }
+
+    /// The size of the residuals in the norm of the preconditioner that knows the contacts, J.
+    pub(crate) fn size(&mut self, equations: &mut [Equation<'_>]) -> f64 {
+        size_by(equations, &mut self.held)
+    }
+
+    /// Adds what the contacts have to the images of the directions; the product of that with the directions.
     pub(crate) fn multiply(&self, equations: &mut [Equation<'_>]) -> f64 {
         let mut product = 0.0;
-        for touch in self.list.iter().filter(|t| t.now.touches || t.lumped != Mat3A::ZERO) {
-            let pull = touch.now.block * place(touch, |a| equations[a.part as usize].gradients.direction[a.node as usize]);
+        for touch in self.list.iter().filter(|t| t.now.touches) {
+            let way = place(touch, |a| equations[a.part as usize].gradients.direction[a.node as usize]);
+            let pull = touch.now.block * way;
+            product += f64::from(pull.dot(way));
             for a in &touch.arms {
                 let Equation { system, gradients, .. } = &mut equations[a.part as usize];
                 let node = a.node as usize;
                 if system.free[node] {
-                    let own = gradients.direction[node];
-                    let more = pull * a.weight - touch.lumped * own * lump(a);
-                    gradients.image[node] += more;
-                    product += f64::from(more.dot(own));
+                    gradients.image[node] += pull * a.weight;
                 }
             }
-        }
-        product
-    }
-
-    /// Adds the motions of the nodes of each contact together to what the preconditioners made of the residuals; the product of that with the residuals.
-    pub(crate) fn precondition(&self, equations: &mut [Equation<'_>]) -> f64 {
-        let mut product = 0.0;
-        for touch in self.list.iter().filter(|t| t.common != Mat3A::ZERO) {
-            let pull: Vec3A = touch.arms.iter().map(|a| equations[a.part as usize].gradients.residual[a.node as usize]).sum();
-            let motion = touch.common * pull;
-            for a in &touch.arms {
-                let Equation { system, gradients, .. } = &mut equations[a.part as usize];
-                if system.free[a.node as usize] {
-                    gradients.scaled[a.node as usize] += motion;
-                }
-            }
-            product += f64::from(motion.dot(pull));
         }
         product
     }
@@ -396,12 +368,6 @@ impl Touches {
             member.body.implicit.grips.sort();
         }
     }
-}
-
-/// The part of the block of a contact that the diagonal has at one of its nodes. With one side the diagonal alone is no less than the whole; with two the motion of
-/// both together would be as stiff as that of one past the other, which it is not at all.
-fn lump(arm: &Arm) -> f32 {
-    arm.weight.abs()
 }
 
 fn arms(touch: &mut Touch, part: usize, point: &TissuePoint, sign: f32) {
