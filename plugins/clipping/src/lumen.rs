@@ -105,6 +105,26 @@ impl Lumen {
         lumen
     }
 
+    /// What a piece of the organ that has come free has of it: all else is severed there. `mesh` is the mesh of the piece, its rest shape where it was.
+    #[must_use]
+    pub fn of_fragment(&self, mesh: &TetMesh) -> Self {
+        let seeds = self.seeds.iter().zip(&self.points).map(|(seed, p)| match seed {
+            Seed::Outside => Seed::Outside,
+            Seed::In(_) | Seed::Gone => {
+                at_rest(mesh, mesh.iter().map(|(t, _)| t), p.as_vec3()).map_or(Seed::Gone, |(tet, _)| Seed::In(tet))
+            }
+        });
+        let mut lumen = Self { seeds: seeds.collect(), severed: vec![None; self.severed.len()], ..self.clone() };
+        lumen.look(mesh);
+        lumen
+    }
+
+    /// Whether anything of it is in this organ.
+    #[must_use]
+    pub fn is_somewhere(&self) -> bool {
+        self.seeds.iter().any(|s| matches!(s, Seed::In(_)))
+    }
+
     /// Carries the lumen over a topology change; `mesh` is the mesh after it.
     pub fn update(&mut self, mesh: &TetMesh, delta: &TopologyDelta) {
         let mut removed = delta.removed.clone();

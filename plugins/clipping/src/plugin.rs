@@ -32,7 +32,7 @@ impl Plugin for ClippingPlugin {
             .register_required_components::<ClipApplier, Trigger>()
             .add_observer(note_fragment)
             .add_systems(FixedUpdate, gesture.in_set(GestureSystems::Clip).run_if(required))
-            .add_systems(FixedUpdate, carry.in_set(TickSystems::Collide).run_if(required));
+            .add_systems(FixedUpdate, (inherit, carry).chain().in_set(TickSystems::Collide).run_if(required));
     }
 }
 
@@ -264,6 +264,17 @@ fn place(lumen: &Lumen, along_m: f64, end: End, mesh: &TetMesh, positions: &[Vec
     };
     let all: Vec<Vec3> = lumen.places(along_m, end).into_iter().filter_map(point).collect();
     (!all.is_empty()).then(|| all.iter().sum::<Vec3>() / all.len() as f32)
+}
+
+/// A piece that has come free with a part of a vessel has that part from now on.
+fn inherit(mut commands: Commands, freed: Res<FreedFragments>, donors: Query<(&Vessel, &OpenLumen)>, meshes: Query<&TissueMesh>) {
+    for fragment in &freed.0 {
+        let (Ok((vessel, lumen)), Ok(mesh)) = (donors.get(fragment.donor), meshes.get(fragment.entity)) else { continue };
+        let lumen = lumen.0.of_fragment(&mesh.0);
+        if lumen.is_somewhere() {
+            commands.entity(fragment.entity).insert((vessel.clone(), OpenLumen(lumen)));
+        }
+    }
 }
 
 /// Carries lumens and clips over topology changes: a piece of a clip whose tetrahedron was cut goes to the one that has its place in the rest shape; a clip
