@@ -182,7 +182,7 @@ fn a_clip_lays_a_tube_flat_and_is_still() {
             let mut theatre = Theatre::new(way, origin);
             theatre.fire(0.001);
             let (mut peak, mut last) = (theatre.energy(), 0.0f32);
-            let ticks = if way.name == "explicit" { 60 } else { 120 };
+            let ticks = if way.name == "explicit" { 30 } else { 120 };
             for tick in 0..ticks {
                 theatre.app.update();
                 let energy = theatre.energy();

@@ -218,9 +218,9 @@ pub fn draw_blood(
 ) {
     let radius = (0.75 / std::f32::consts::PI * DROP_ML * 1e-6).cbrt();
     let drops = blood.drops.iter().map(|drop| {
-        // As long as it goes in a sixtieth of a second, so that a jet hangs together.
+        // Drawn out by its speed, so that a jet hangs together.
         let long = (0.008 * drop.v.length() / radius).clamp(1.0, 5.0);
-        let scale = Vec3::new(1.0, long, 1.0) * radius * long.powf(-0.4);
+        let scale = Vec3::new(1.0, long, 1.0) * radius * long.powf(-0.25);
         Transform { translation: drop.at, rotation: Quat::from_rotation_arc(Vec3::Y, drop.v.normalize_or(Vec3::Y)), scale }
     });
     let pools = blood.pools.iter().map(|pool| {
@@ -246,9 +246,9 @@ pub fn draw_blood(
     }
     for place in wanted {
         let BloodLook(ball, material) = look.get_or_insert_with(|| {
-            let ball = Sphere::new(1.0).mesh().ico(3).unwrap_or_else(|_| Sphere::new(1.0).mesh().uv(16, 10));
+            let ball = Sphere::new(1.0).mesh().ico(6).unwrap_or_else(|_| Sphere::new(1.0).mesh().uv(32, 20));
             let material = StandardMaterial {
-                base_color: Color::linear_rgb(0.22, 0.004, 0.005),
+                base_color: Color::linear_rgb(0.28, 0.005, 0.006),
                 perceptual_roughness: 0.18,
                 reflectance: 0.5,
                 ..default()
