@@ -12,8 +12,8 @@ use keyhole_tissue::{
     Capsule, Constraints, TeschnerSettings, TimeStepping, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings,
 };
 use keyhole_whiteboard::{
-    Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ,
-    OrganMaterials, Port, RigidBody, RigidReport, ScriptClock, SimulationControl, SurfaceFriction, Thread, TickCost, TissueMesh,
+    Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, Gravity, Instrument, InstrumentKind,
+    Organ, OrganMaterials, Port, RigidBody, RigidReport, ScriptClock, SimulationControl, SurfaceFriction, Thread, TickCost, TissueMesh,
     TissueState, TopologyChanged,
 };
 
@@ -88,6 +88,7 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             attachment.until_s += started_s;
         }
         let materials = organ.organ_materials();
+        let vessel = organ.vessel.as_ref().map(|vessel| vessel.vessel(&organ.name));
         let mut mesh = mesh.clone();
         let state = TissueState::at_rest(&mesh);
         if scene.tissue.prestress {
@@ -103,6 +104,9 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
         }
         let mut entity = world.spawn((Organ { name: organ.name.clone() }, TissueMesh(mesh), state, materials, attachments));
         rub(&mut entity, organ.friction);
+        if let Some(vessel) = vessel {
+            entity.insert(vessel);
+        }
     }
     for (told, surface) in scene.anatomy.iter().zip(&theatre.surfaces) {
         let anatomy = Anatomy { name: told.name.clone(), surface: surface.clone(), colour: told.colour };
@@ -131,6 +135,9 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
         let mut entity = world.spawn_empty();
         if let Some(of_kind) = tools::cutting_line(kind) {
             entity.insert(instrument.cutting_line(of_kind));
+        }
+        if kind == InstrumentKind::ClipApplier {
+            entity.insert(instrument.clips.unwrap_or_default().applier());
         }
         entity.insert((told, instrument.hand.hand(), port, state));
         rub(&mut entity, instrument.friction);

@@ -3,6 +3,7 @@
 //! [`recorder`] watches an app tick by tick, [`digest`] puts a state into one number, [`cost`] sums up what ticks cost, [`folder`] writes
 //! a folder that appears under its name only when it is complete, [`summary`] is what stands in it.
 
+pub mod bleeding;
 pub mod cost;
 pub mod digest;
 pub mod folder;

@@ -1,5 +1,6 @@
 //! Watches an app from outside, after each update, and sums up at the end. The simulation never knows.
 
+use crate::report::bleeding::Bleeding;
 use crate::report::cost::Costs;
 use crate::report::digest::digest;
 use crate::report::summary::{Cut, Cutting, Fragment, MeshSize, MomentumChange, Summary};
@@ -69,6 +70,7 @@ impl Recorder {
         let mut frozen = world.query_filtered::<&Organ, With<Quarantined>>();
         let quarantined = frozen.iter(world).map(|o| o.name.clone()).collect();
         let digest = digest(world);
+        let bleeding = Bleeding::of(world);
         let status = world.resource::<CutStatus>();
         let tissue = world.resource::<TissueReport>();
         let mut summary = Summary {
@@ -87,6 +89,7 @@ impl Recorder {
             },
             fragments: self.paths.iter().map(|p| p.fragment.clone()).collect(),
             momentum: MomentumChange { largest_jump: tissue.momentum_jump, largest_error: tissue.momentum_error },
+            bleeding,
             quarantined,
             digest,
             ..Summary::default()

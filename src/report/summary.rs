@@ -1,5 +1,6 @@
 //! What stands in `summary.json`, and the same for reading in `summary.md`.
 
+use crate::report::bleeding::Bleeding;
 use crate::report::cost::{Cost, Costs};
 use keyhole_whiteboard::CutSettings;
 use serde::Serialize;
@@ -23,6 +24,9 @@ pub struct Summary {
     pub cut: Cut,
     /// What came free, in the order it did.
     pub fragments: Vec<Fragment>,
+    /// Clips and blood; left out where there are neither vessels nor clips.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bleeding: Option<Bleeding>,
     /// What topology changes did to linear momentum.
     pub momentum: MomentumChange,
     /// Cost of the whole tick, ms.
@@ -179,6 +183,9 @@ impl Summary {
                 )?;
             }
             writeln!(w)?;
+        }
+        if let Some(bleeding) = &self.bleeding {
+            writeln!(w, "{}\n", bleeding.sentence())?;
         }
         writeln!(
             w,

@@ -9,8 +9,8 @@ use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{MaterialId, OuterPlanes};
 use keyhole_whiteboard::{
-    BleedReport, Contacts, CuttingLine, Endoscope, FreedFrom, Grasp, Hand, Instrument, InstrumentPose, JawPads, Organ, OrganMaterials,
-    Port, SceneRequirements, TickCost, TickSystems, TissueMesh, ToolContacts, Vessel,
+    BleedReport, ClipApplier, ClipReport, Contacts, CuttingLine, Endoscope, FreedFrom, Grasp, Hand, Instrument, InstrumentPose, JawPads,
+    Organ, OrganMaterials, Port, SceneRequirements, TickCost, TickSystems, TissueMesh, ToolContacts, Vessel,
 };
 
 /// Measures a session where the scene requires it; where it does not, no system runs and nothing is allocated. A scene that is started over is a new session.
@@ -101,7 +101,8 @@ type Tool<'a> =
 fn measure(
     mut assessment: ResMut<Assessment>,
     clamped: Res<Clamped>,
-    bleeding: Res<BleedReport>,
+    (bleeding, clips): (Res<BleedReport>, Res<ClipReport>),
+    appliers: Query<(), With<ClipApplier>>,
     vessels: Query<(), With<Vessel>>,
     tools: Query<Tool>,
     contacts: Query<&ToolContacts>,
@@ -130,6 +131,7 @@ fn measure(
     sample.tools_touch = contacts.iter().map(|c| c.touching.iter().any(touched)).reduce(|one, other| one || other);
     sample.view = scopes.iter().next().map(view_cone);
     sample.blood_lost_ml = (!vessels.is_empty()).then_some(bleeding.lost_ml);
+    sample.clip_errors = (!appliers.is_empty()).then_some(clips.misplaced + clips.dropped + clips.slipped);
     sample.clamped = clamped.0;
     ongoing.sums.push(&ongoing.sample);
 }

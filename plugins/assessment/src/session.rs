@@ -54,6 +54,8 @@ pub struct Sample {
     pub view: Option<ViewCone>,
     /// Blood that has been lost so far, ml; `None` where nothing can bleed.
     pub blood_lost_ml: Option<f64>,
+    /// Clips misplaced, dropped and slipped so far; `None` where there is no clip applier.
+    pub clip_errors: Option<u32>,
     /// Whether the supplying vessels are clamped; `None` where there is nothing to clamp.
     pub clamped: Option<bool>,
 }
@@ -69,6 +71,7 @@ pub struct Session {
     collisions: TouchCounter,
     two_tools: bool,
     blood_lost_ml: Option<f64>,
+    clip_errors: Option<u32>,
     clamp_s: Option<f64>,
 }
 
@@ -103,6 +106,7 @@ impl Session {
             collisions: TouchCounter::new(apart),
             two_tools: false,
             blood_lost_ml: None,
+            clip_errors: None,
             clamp_s: None,
         }
     }
@@ -132,6 +136,7 @@ impl Session {
             self.camera.push(view, DVec3::Y, &tips);
         }
         self.blood_lost_ml = sample.blood_lost_ml.or(self.blood_lost_ml);
+        self.clip_errors = sample.clip_errors.or(self.clip_errors);
         if let Some(clamped) = sample.clamped {
             *self.clamp_s.get_or_insert(0.0) += if clamped { self.dt_s } else { 0.0 };
         }
@@ -167,6 +172,7 @@ impl Session {
             MetricId::Centring => self.camera.off_centre(),
             MetricId::Distance => self.camera.distance_m().map(|d| d * 1e3),
             MetricId::BloodLoss => self.blood_lost_ml,
+            MetricId::ClipErrors => self.clip_errors.map(f64::from),
             MetricId::ClampTime => self.clamp_s,
             _ => None,
         }
@@ -250,6 +256,7 @@ mod tests {
                 tools_touch: None,
                 view: Some(view),
                 blood_lost_ml: Some(0.2 * f64::from(tick)),
+                clip_errors: Some(3),
                 clamped: Some(tick >= 8),
             });
         }
@@ -268,6 +275,7 @@ mod tests {
         near(MetricId::GripMax, right, 7.0);
         near(MetricId::Overload, right, 3.0 * 0.1 * 2.0);
         near(MetricId::BloodLoss, None, 2.0);
+        near(MetricId::ClipErrors, None, 3.0);
         near(MetricId::ClampTime, None, 0.3);
         near(MetricId::Horizon, None, 0.0);
         assert_eq!(value(MetricId::PathLength, Some(Hand::Left)), None, "there is no left hand");

@@ -1,6 +1,7 @@
 //! The inside of a vessel as a bundle of fibres in the organ's rest shape: which of them a cut has severed, and where, and what a clip closes.
 //!
-//! A fibre runs along the centre line at a place of its own in the cross-section (places of equal area on a spiral of golden angles). From station to
+//! A fibre runs along the centre line at a place of its own in the cross-section (places of equal area on a spiral of golden angles; of a vessel that is
+//! hollow in the mesh evenly around the middle of its wall, each for the sector of the lumen that it is the wall of). From station to
 //! station it is a straight line through the tetrahedra; where it leaves the mesh on its way the vessel is open. The rest shape does not move, so
 //! nothing of this has to be done anew but after a cut.
 
@@ -8,6 +9,7 @@ use crate::locate::at_rest;
 use bevy_math::{DVec3, Vec3};
 use keyhole_tetmesh::{FACES, TetId, TetMesh, TopologyDelta};
 use keyhole_whiteboard::{ClipPair, Vessel};
+use std::f64::consts::TAU;
 
 /// Fibres of a vessel.
 pub const FIBRES: usize = 64;
@@ -30,6 +32,7 @@ enum Seed {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lumen {
     radius: f64,
+    wall: f64,
     /// Along the line, m, and the centre there.
     stations: Vec<(f64, DVec3)>,
     /// By station, then fibre.
@@ -70,7 +73,7 @@ impl Lumen {
     /// The lumen of a vessel in an organ as it is.
     #[must_use]
     pub fn new(mesh: &TetMesh, vessel: &Vessel) -> Self {
-        let radius = f64::from(vessel.radius_m);
+        let (radius, wall) = (f64::from(vessel.radius_m), f64::from(vessel.wall_m));
         let stations = stations(&vessel.line, radius);
         let mut points = Vec::with_capacity(stations.len() * FIBRES);
         let mut across = DVec3::ZERO;
@@ -82,8 +85,10 @@ impl Lumen {
             across = carried.try_normalize().unwrap_or_else(|| tangent.any_orthonormal_vector());
             let other = tangent.cross(across);
             points.extend((0..FIBRES).map(|f| {
-                let (sin, cos) = (f as f64 * GOLDEN_ANGLE).sin_cos();
-                *centre + (across * cos + other * sin) * (radius * ((f as f64 + 0.5) / FIBRES as f64).sqrt())
+                let part = (f as f64 + 0.5) / FIBRES as f64;
+                let (angle, at) =
+                    if wall > 0.0 { (part * TAU, radius + wall / 2.0) } else { (f as f64 * GOLDEN_ANGLE, radius * part.sqrt()) };
+                *centre + (across * angle.cos() + other * angle.sin()) * at
             }));
         }
         let mut seeds = Vec::with_capacity(points.len());
@@ -95,9 +100,29 @@ impl Lumen {
             seeds.push(found.map_or(Seed::Outside, Seed::In));
         }
         let severed = vec![None; (stations.len() - 1) * FIBRES];
-        let mut lumen = Self { radius, stations, points, seeds, severed };
+        let mut lumen = Self { radius, wall, stations, points, seeds, severed };
         lumen.look(mesh);
         lumen
+    }
+
+    /// What a piece of the organ that has come free has of it: all else is severed there. `mesh` is the mesh of the piece, its rest shape where it was.
+    #[must_use]
+    pub fn of_fragment(&self, mesh: &TetMesh) -> Self {
+        let seeds = self.seeds.iter().zip(&self.points).map(|(seed, p)| match seed {
+            Seed::Outside => Seed::Outside,
+            Seed::In(_) | Seed::Gone => {
+                at_rest(mesh, mesh.iter().map(|(t, _)| t), p.as_vec3()).map_or(Seed::Gone, |(tet, _)| Seed::In(tet))
+            }
+        });
+        let mut lumen = Self { seeds: seeds.collect(), severed: vec![None; self.severed.len()], ..self.clone() };
+        lumen.look(mesh);
+        lumen
+    }
+
+    /// Whether anything of it is in this organ.
+    #[must_use]
+    pub fn is_somewhere(&self) -> bool {
+        self.seeds.iter().any(|s| matches!(s, Seed::In(_)))
     }
 
     /// Carries the lumen over a topology change; `mesh` is the mesh after it.
@@ -227,9 +252,23 @@ impl Lumen {
         pieces.min_by(|a, b| a.1.distance_squared(point).total_cmp(&b.1.distance_squared(point)))
     }
 
-    /// The point of the organ's rest shape where the line is so far along (m), and a tetrahedron that was near it.
+    /// Points of the organ's rest shape whose middle is where the line is so far along (m), each with a tetrahedron that it is in or near. Of a hollow vessel
+    /// they are in its wall, on the side of this end of the line. Empty where nothing is left there.
     #[must_use]
-    pub fn place(&self, along_m: f64) -> Option<(TetId, Vec3)> {
+    pub fn places(&self, along_m: f64, end: End) -> Vec<(TetId, Vec3)> {
+        if self.wall <= 0.0 {
+            return self.place(along_m).into_iter().collect();
+        }
+        let this_side = |s: f64| if end == End::Near { s <= along_m } else { s >= along_m };
+        let whole = self.stations.iter().zip(self.seeds.chunks(FIBRES).zip(self.points.chunks(FIBRES)));
+        let near = whole.filter(|(s, (seeds, _))| this_side(s.0) && seeds.iter().any(|s| matches!(s, Seed::In(_))));
+        let nearest = near.min_by(|a, b| (a.0.0 - along_m).abs().total_cmp(&(b.0.0 - along_m).abs()));
+        let ring = nearest.into_iter().flat_map(|(_, (seeds, points))| seeds.iter().zip(points));
+        ring.filter_map(|(seed, p)| if let Seed::In(tet) = seed { Some((*tet, p.as_vec3())) } else { None }).collect()
+    }
+
+    /// The point of the organ's rest shape where the line is so far along (m), and a tetrahedron that was near it.
+    fn place(&self, along_m: f64) -> Option<(TetId, Vec3)> {
         let part = self.stations.windows(2).find(|s| along_m <= s[1].0).or_else(|| self.stations.windows(2).last())?;
         let at = part[0].1.lerp(part[1].1, ((along_m - part[0].0) / (part[1].0 - part[0].0)).clamp(0.0, 1.0));
         let seeds = self.seeds.iter().zip(&self.points).filter_map(|(s, p)| if let Seed::In(tet) = s { Some((*tet, *p)) } else { None });

@@ -17,19 +17,22 @@ use keyhole_whiteboard::{
     TopologyChanged, Vessel,
 };
 
+/// How far upstream of an opening a vessel is looked at to tell its direction, radii of its lumen.
+const UPSTREAM: f64 = 3.0;
+
 /// Sets and holds clips and lets vessels bleed in [`GestureSystems::Clip`]; carries both over topology changes in [`TickSystems::Collide`].
 pub struct ClippingPlugin;
 
 impl Plugin for ClippingPlugin {
     fn build(&self, app: &mut App) {
         let required = SceneRequirements::clipping;
-        let gesture = (open_lumens, set_clips, grip_clips, hold_clips, bleed).chain();
+        let gesture = (open_lumens, set_clips, press_clips, grip_clips, hold_clips, bleed).chain();
         app.init_resource::<ClipSettings>()
             .init_resource::<FreedFragments>()
             .register_required_components::<ClipApplier, Trigger>()
             .add_observer(note_fragment)
             .add_systems(FixedUpdate, gesture.in_set(GestureSystems::Clip).run_if(required))
-            .add_systems(FixedUpdate, carry.in_set(TickSystems::Collide).run_if(required));
+            .add_systems(FixedUpdate, (inherit, carry).chain().in_set(TickSystems::Collide).run_if(required));
     }
 }
 
@@ -112,6 +115,21 @@ fn rigid(shape: &ClipShape) -> RigidBody {
 
 type Loose<'a> = (Entity, &'a ClipShape, &'a RigidPose, Option<&'a HeldBy>);
 
+/// Clips press, and follow their tissue to where it is now: before anything takes hold of them there.
+fn press_clips(
+    settings: Res<ClipSettings>,
+    time: Res<Time<Fixed>>,
+    mut clips: Query<(&ClipShape, &mut Clip)>,
+    organs: Query<(&TissueMesh, &TissueState)>,
+) {
+    let dt_s = time.timestep().as_secs_f32();
+    for (shape, mut clip) in &mut clips {
+        if let Ok((mesh, state)) = organs.get(clip.organ) {
+            close(&mut clip, shape, &mesh.0, &state.positions, dt_s, &settings);
+        }
+    }
+}
+
 /// Graspers take hold of clips between their jaws, and let go of them.
 fn grip_clips(
     mut commands: Commands,
@@ -155,18 +173,16 @@ fn grip_clips(
     }
 }
 
-/// Clips press, follow their tissue, slip off where they are pulled too hard, and put what they do into the attachments of their organs.
+/// Clips slip off where they are pulled too hard, and put what they do into the attachments of their organs.
 fn hold_clips(
     mut commands: Commands,
     settings: Res<ClipSettings>,
-    time: Res<Time<Fixed>>,
     mut clips: Query<(Entity, &ClipShape, &mut Clip)>,
     tools: Query<&InstrumentPose>,
-    mut organs: Query<(&TissueMesh, &TissueState, &mut Attachments)>,
+    mut organs: Query<(&TissueState, &mut Attachments)>,
     mut report: ResMut<ClipReport>,
 ) {
-    let dt_s = time.timestep().as_secs_f32();
-    for (_, _, mut list) in &mut organs {
+    for (_, mut list) in &mut organs {
         if list.0.iter().any(|a| a.until_s == UNTIL_S) {
             list.0.retain(|a| a.until_s != UNTIL_S);
         }
@@ -174,11 +190,10 @@ fn hold_clips(
     let mut ordered: Vec<_> = clips.iter_mut().collect();
     ordered.sort_unstable_by_key(|c| c.0);
     for (entity, shape, mut clip) in ordered {
-        let Ok((mesh, state, mut list)) = organs.get_mut(clip.organ) else {
+        let Ok((state, mut list)) = organs.get_mut(clip.organ) else {
             commands.entity(entity).despawn();
             continue;
         };
-        close(&mut clip, shape, &mesh.0, &state.positions, dt_s, &settings);
         let held = clip.held.and_then(|(tool, local)| tools.get(tool).ok().map(|pose| (pose.before * local, pose.now * local)));
         clip.pull_n = held.map_or(Vec3::ZERO, |(before, _)| pull_n(&clip, &state.positions, &before, &settings));
         if clip.pairs.is_empty() || clip.pull_n.length() > most_pull_n(&clip, shape) {
@@ -219,8 +234,16 @@ fn bleed(
             let area: f64 = openings.iter().map(|o| o.area_m2).sum();
             let flow = flow_ml_min(source, area);
             sites.extend(openings.iter().filter(|_| flow > 0.0).filter_map(|opening| {
-                let at = place(&lumen.0, opening.along_m, &mesh.0, &state.positions)?;
-                Some(BleedSite { organ, at, rate_ml_min: (flow * opening.area_m2 / area) as f32 })
+                let back_m = opening.along_m + if end == End::Near { -UPSTREAM } else { UPSTREAM } * f64::from(vessel.radius_m);
+                let at = place(&lumen.0, opening.along_m, end, &mesh.0, &state.positions)?;
+                let towards = at - place(&lumen.0, back_m, end, &mesh.0, &state.positions)?;
+                Some(BleedSite {
+                    organ,
+                    at,
+                    towards: towards.try_normalize().unwrap_or(Vec3::NEG_Y),
+                    area_m2: opening.area_m2 as f32,
+                    rate_ml_min: (flow * opening.area_m2 / area) as f32,
+                })
             }));
         }
     }
@@ -233,11 +256,25 @@ fn bleed(
 }
 
 /// Where a place of a vessel's centre line is in the world, m.
-fn place(lumen: &Lumen, along_m: f64, mesh: &TetMesh, positions: &[Vec3]) -> Option<Vec3> {
-    let (tet, rest) = lumen.place(along_m)?;
-    let found = weights(mesh.points(tet), rest.as_dvec3())?;
-    let point: TissuePoint = mesh.corners(tet).into_iter().zip(found.map(|w| w as f32)).collect();
-    position(&point, positions)
+fn place(lumen: &Lumen, along_m: f64, end: End, mesh: &TetMesh, positions: &[Vec3]) -> Option<Vec3> {
+    let point = |(tet, rest): (TetId, Vec3)| {
+        let found = weights(mesh.points(tet), rest.as_dvec3())?;
+        let point: TissuePoint = mesh.corners(tet).into_iter().zip(found.map(|w| w as f32)).collect();
+        position(&point, positions)
+    };
+    let all: Vec<Vec3> = lumen.places(along_m, end).into_iter().filter_map(point).collect();
+    (!all.is_empty()).then(|| all.iter().sum::<Vec3>() / all.len() as f32)
+}
+
+/// A piece that has come free with a part of a vessel has that part from now on.
+fn inherit(mut commands: Commands, freed: Res<FreedFragments>, donors: Query<(&Vessel, &OpenLumen)>, meshes: Query<&TissueMesh>) {
+    for fragment in &freed.0 {
+        let (Ok((vessel, lumen)), Ok(mesh)) = (donors.get(fragment.donor), meshes.get(fragment.entity)) else { continue };
+        let lumen = lumen.0.of_fragment(&mesh.0);
+        if lumen.is_somewhere() {
+            commands.entity(fragment.entity).insert((vessel.clone(), OpenLumen(lumen)));
+        }
+    }
 }
 
 /// Carries lumens and clips over topology changes: a piece of a clip whose tetrahedron was cut goes to the one that has its place in the rest shape; a clip

@@ -1,6 +1,7 @@
 //! The head-up display: which view and method, what a tick costs, what cutting has done, and every key. An app without a window leaves it
 //! out.
 
+pub mod bleeding;
 pub mod figures;
 pub mod intent;
 pub mod panel;

@@ -1,5 +1,6 @@
 //! The plugin of the HUD.
 
+use crate::bleeding::draw_bleeding;
 use crate::figures::{MeshFigures, count};
 use crate::intent::{HudState, Intent, KEYS, carry_out, read_keys};
 use crate::panel::draw_hud;
@@ -27,7 +28,7 @@ impl Plugin for HudPlugin {
             .init_resource::<PointerClaims>()
             .add_systems(PreUpdate, (read_keys, carry_out, claim_pointer).chain().after(InputSystems))
             .add_systems(Update, (count, take_window_camera))
-            .add_systems(EguiPrimaryContextPass, draw_hud);
+            .add_systems(EguiPrimaryContextPass, (draw_hud, draw_bleeding).chain());
     }
 }
 

@@ -4,6 +4,7 @@
 //! instrument, a mouse, a device or a script, moves its [`TrocarState`], and the pose follows from that and
 //! from what holds the instrument off the hand ([`mod@proxy`]): the shaft cannot leave its port.
 
+mod applier;
 pub mod device;
 pub mod error;
 pub mod force;

@@ -31,6 +31,7 @@ pub fn widest_angle_rad(kind: InstrumentKind) -> f32 {
         InstrumentKind::Grasper => 30f32.to_radians(),
         InstrumentKind::Scissors => 25f32.to_radians(),
         InstrumentKind::Hook | InstrumentKind::Scalpel => 0.0,
+        InstrumentKind::ClipApplier => crate::applier::WIDEST_RAD,
     }
 }
 
@@ -39,7 +40,7 @@ pub fn widest_angle_rad(kind: InstrumentKind) -> f32 {
 pub fn cutting_line(kind: InstrumentKind) -> Option<CuttingLine> {
     let edge = |length_m: f32, drop_m: f32| LineShape::Edge { tip: Vec3::new(0.0, 0.0, -length_m), heel: Vec3::new(0.0, -drop_m, 0.0) };
     let (line, trigger) = match kind {
-        InstrumentKind::Grasper => return None,
+        InstrumentKind::Grasper | InstrumentKind::ClipApplier => return None,
         InstrumentKind::Scissors => (LineShape::JawLine { length_m: SCISSORS_JAW_M }, CutTrigger::Closing),
         InstrumentKind::Hook => (edge(HOOK_BLADE_M, 0.0), CutTrigger::Pedal),
         InstrumentKind::Scalpel => (edge(SCALPEL_BLADE_M, SCALPEL_DROP_M), CutTrigger::Pedal),
@@ -58,10 +59,15 @@ pub fn jaw_pads(kind: InstrumentKind, shaft_radius_m: f32) -> Option<JawPads> {
     })
 }
 
-/// How far ahead of the frame's origin the point lies that a hand steers, m: the blade's tip, or the end of the jaws' pads.
+/// How far ahead of the frame's origin the point lies that a hand steers, m: the blade's tip, the end of the jaws' pads, or the middle of a clip between them.
 #[must_use]
 pub fn working_reach(kind: InstrumentKind, line: Option<&CuttingLine>) -> f32 {
-    line.map_or_else(|| if kind == InstrumentKind::Grasper { 0.8 * GRASPER_JAW_M } else { 0.0 }, |l| l.line.reach_m())
+    let without_line = match kind {
+        InstrumentKind::Grasper => 0.8 * GRASPER_JAW_M,
+        InstrumentKind::ClipApplier => crate::applier::MIDDLE_M,
+        InstrumentKind::Scissors | InstrumentKind::Hook | InstrumentKind::Scalpel => 0.0,
+    };
+    line.map_or(without_line, |l| l.line.reach_m())
 }
 
 /// What an instrument looks like.
@@ -75,6 +81,7 @@ pub fn tool_model(kind: InstrumentKind, shaft_length_m: f32, shaft_radius_m: f32
         InstrumentKind::Scissors => parts.extend(jaws(length(SCISSORS_JAW_M), r, JawShape::Edge)),
         InstrumentKind::Hook => parts.extend(hook(length(HOOK_BLADE_M), r)),
         InstrumentKind::Scalpel => parts.extend(scalpel(length(SCALPEL_BLADE_M), r)),
+        InstrumentKind::ClipApplier => parts.extend(crate::applier::jaws(r)),
     }
     ToolModel { parts }
 }
@@ -214,7 +221,8 @@ mod tests {
     use crate::model::tests::{assert_closed, assert_normals_point_out, signed_volume};
     use bevy_math::FloatExt;
 
-    const KINDS: [InstrumentKind; 4] = [InstrumentKind::Grasper, InstrumentKind::Scissors, InstrumentKind::Hook, InstrumentKind::Scalpel];
+    const KINDS: [InstrumentKind; 5] =
+        [InstrumentKind::Grasper, InstrumentKind::Scissors, InstrumentKind::Hook, InstrumentKind::Scalpel, InstrumentKind::ClipApplier];
 
     #[test]
     fn every_part_is_a_closed_surface_with_outward_normals() {

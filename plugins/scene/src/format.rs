@@ -76,6 +76,9 @@ pub struct SceneOrgan {
     /// Coulomb's coefficient of its surface, 0 to 2; where two things touch it is the geometric mean of theirs. Default 0.1: moist.
     #[serde(default)]
     pub friction: Option<f32>,
+    /// A vessel in it, which bleeds where it is cut and not clipped. Default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vessel: Option<crate::vessel::SceneVessel>,
 }
 
 /// A simple shape of tetrahedra, its middle at the origin. Its material is 0.
@@ -254,6 +257,8 @@ pub enum SceneInstrumentKind {
     Hook,
     /// A pointed straight blade; cuts along its edge while the pedal is down.
     Scalpel,
+    /// Sets a clip on what is between its jaws when they have closed.
+    ClipApplier,
 }
 
 /// When a blade cuts.
@@ -302,6 +307,9 @@ pub struct SceneInstrument {
     /// The length of `blade` in metres, as scenes said it before `blade` was there; not both.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub blade_length_m: Option<f32>,
+    /// The clips of a clip applier. Default twenty of titanium for vessels that are up to 8 mm wide when they are laid flat; no other instrument has any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clips: Option<crate::vessel::SceneClips>,
     /// Length of the shaft, m. Default 0.33.
     #[serde(default = "default_shaft_length")]
     pub shaft_length_m: f32,

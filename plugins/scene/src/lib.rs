@@ -17,8 +17,10 @@ pub mod section;
 pub mod solid;
 pub mod starter;
 pub mod surface;
+pub mod vessel;
 
 pub use check::{Problem, check};
 pub use error::SceneError;
 pub use format::*;
 pub use load::{load, parse};
+pub use vessel::{SceneClips, SceneVessel, SceneVesselEnd};

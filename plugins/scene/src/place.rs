@@ -135,19 +135,20 @@ impl SceneInstrumentKind {
             Self::Scissors => InstrumentKind::Scissors,
             Self::Hook => InstrumentKind::Hook,
             Self::Scalpel => InstrumentKind::Scalpel,
+            Self::ClipApplier => InstrumentKind::ClipApplier,
         }
     }
 
     /// Whether it has a blade.
     #[must_use]
     pub fn cuts(self) -> bool {
-        self != Self::Grasper
+        !matches!(self, Self::Grasper | Self::ClipApplier)
     }
 
     /// Whether it has jaws that close.
     #[must_use]
     pub fn closes(self) -> bool {
-        matches!(self, Self::Grasper | Self::Scissors)
+        matches!(self, Self::Grasper | Self::Scissors | Self::ClipApplier)
     }
 }
 
@@ -202,6 +203,11 @@ impl Scene {
         self.ports.iter().find(|p| p.name == name).map(ScenePort::port)
     }
 
+    /// Whether there are clips to be set.
+    fn clips(&self) -> bool {
+        self.instruments.iter().any(|i| i.kind == SceneInstrumentKind::ClipApplier)
+    }
+
     /// What the scene requires: nothing else runs.
     #[must_use]
     pub fn requirements(&self) -> SceneRequirements {
@@ -217,6 +223,9 @@ impl Scene {
                     || self.anatomy.iter().any(|a| a.solid)
                     || self.collision.itself == SceneSelfCollision::Always),
             assessment: !self.instruments.is_empty() || self.endoscope.is_some(),
+            clipping: self.clips() || self.organs.iter().any(|o| o.vessel.is_some()),
+            // Clips that close on nothing drop.
+            rigid: self.clips(),
             ..SceneRequirements::default()
         }
     }
@@ -276,6 +285,7 @@ mod tests {
             mesh: None,
             shape: None,
             friction: None,
+            vessel: None,
             materials: Vec::new(),
             transform: Placement { translation: [0.0, 0.0, 1.0], ..Default::default() },
             attachments: vec![

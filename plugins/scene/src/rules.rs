@@ -163,6 +163,9 @@ impl Rules {
             }
         }
         self.friction(path, organ.friction);
+        if let Some(vessel) = &organ.vessel {
+            self.below(&format!("{path}.vessel"), vessel.problems());
+        }
         match (&organ.mesh, &organ.shape) {
             (Some(mesh), None) => {
                 let (path_of_mesh, file) = (format!("{path}.mesh"), folder.join(mesh));
@@ -181,6 +184,10 @@ impl Rules {
             (Some(_), Some(_)) => self.say(&format!("{path}.shape"), "there is a `mesh` as well: keep one of them"),
             (None, None) => self.say(path, "it has neither `mesh` nor `shape`: give one of them"),
         }
+    }
+
+    fn below(&mut self, path: &str, found: Found) {
+        self.0.extend(found.into_iter().map(|(at, message)| (format!("{path}.{at}"), message)));
     }
 
     fn friction(&mut self, path: &str, friction: Option<f32>) {
@@ -312,6 +319,7 @@ impl Rules {
             self.range(&format!("{path}.insertion_m"), tool.insertion_m, 0.01, 0.30, " m");
             self.friction(&path, tool.friction);
             self.blade(&path, tool);
+            self.clips(&path, tool);
         }
         if let Some(scope) = &scene.endoscope {
             self.in_port("endoscope", scene, &scope.port, &mut taken);
@@ -323,11 +331,21 @@ impl Rules {
         }
     }
 
+    fn clips(&mut self, path: &str, tool: &SceneInstrument) {
+        let Some(clips) = tool.clips else { return };
+        if tool.kind == SceneInstrumentKind::ClipApplier {
+            self.below(&format!("{path}.clips"), clips.problems());
+        } else {
+            self.say(&format!("{path}.clips"), "only a ClipApplier has clips: remove this field or change `kind`");
+        }
+    }
+
     fn blade(&mut self, path: &str, tool: &SceneInstrument) {
         let old = format!("{path}.blade_length_m");
         for (given, path) in [(tool.blade.is_some(), format!("{path}.blade")), (tool.blade_length_m.is_some(), old.clone())] {
             if given && !tool.kind.cuts() {
-                self.say(&path, "a grasper has no blade: remove this field");
+                let kind = if tool.kind == SceneInstrumentKind::Grasper { "grasper" } else { "clip applier" };
+                self.say(&path, format!("a {kind} has no blade: remove this field"));
             }
         }
         if !tool.kind.cuts() {

@@ -6,7 +6,9 @@
 
 pub mod adapter;
 pub mod anatomy;
+pub mod blood;
 pub mod buffers;
+pub mod clips;
 pub mod depth;
 pub mod eyes;
 pub mod fairing;

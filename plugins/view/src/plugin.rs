@@ -1,6 +1,8 @@
 //! The plugin of the view.
 
 use crate::anatomy::{AnatomyBounds, draw_anatomy};
+use crate::blood::{Blood, DrawnBlood, bleeds, draw_blood, flow_blood};
+use crate::clips::{draw_clips, move_clips};
 use crate::eyes::{aim_eyes, follow_mode, open_window_eye, smooth_edges, switch_view};
 use crate::fairing::FairingSettings;
 use crate::framing::{Framing, frame_scene};
@@ -56,6 +58,7 @@ impl Plugin for ViewPlugin {
             .init_resource::<TissueMaterials>()
             .init_resource::<AnatomyBounds>()
             .init_resource::<Framing>()
+            .init_resource::<Blood>()
             .init_resource::<OrbitSettings>()
             .init_resource::<OrbitState>()
             .insert_resource(MotionSettings::Blend)
@@ -64,6 +67,9 @@ impl Plugin for ViewPlugin {
             .add_systems(PreUpdate, claim_mouse.after(InputSystems))
             .add_systems(RunFixedMainLoop, adopt_organs.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop))
             .add_systems(FixedUpdate, (follow_topology, adopt_organs, record_positions).chain().in_set(TickSystems::Publish))
+            .add_systems(FixedUpdate, flow_blood.in_set(TickSystems::Publish).run_if(bleeds))
+            .add_systems(Update, (draw_clips.after(drop_orphans), draw_blood.run_if(bleeds.or_else(any_with_component::<DrawnBlood>))))
+            .add_systems(PostUpdate, move_clips.before(TransformSystems::Propagate).before(CameraUpdateSystems))
             .add_systems(
                 Update,
                 (

@@ -112,6 +112,9 @@ pub struct Vessel {
     pub line: Vec<Vec3>,
     /// Radius of the lumen, m.
     pub radius_m: f32,
+    /// Thickness of the wall where the organ's mesh is a hollow tube, m: the lumen is then no tissue, and what is cut is its wall. Zero where the lumen runs
+    /// through the mesh.
+    pub wall_m: f32,
     /// Where the line begins.
     pub near: VesselEnd,
     /// Where it ends: of an artery whose blood comes from one side alone with a supply of zero.
@@ -125,6 +128,10 @@ pub struct BleedSite {
     pub organ: Entity,
     /// Where it is in the world, m.
     pub at: Vec3,
+    /// Unit vector along the vessel, the way the blood leaves it.
+    pub towards: Vec3,
+    /// Area through which it leaves, m2.
+    pub area_m2: f32,
     /// ml/min.
     pub rate_ml_min: f32,
 }

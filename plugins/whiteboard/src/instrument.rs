@@ -35,6 +35,8 @@ pub enum InstrumentKind {
     Hook,
     /// A pointed straight blade that cuts along its edge while it is active.
     Scalpel,
+    /// Two jaws with a clip between them, which they close.
+    ClipApplier,
 }
 
 /// An instrument. Written by the scene.

@@ -24,6 +24,7 @@ pub enum MetricId {
     Centring,
     Distance,
     BloodLoss,
+    ClipErrors,
     ClampTime,
     TumourLeft,
     HealthyRemoved,
@@ -87,7 +88,7 @@ const OURS: &str = "Own definition";
 
 impl MetricId {
     /// All, in the order in which they are shown.
-    pub const ALL: [Self; 26] = [
+    pub const ALL: [Self; 27] = [
         Self::Time,
         Self::PathLength,
         Self::Depth,
@@ -105,6 +106,7 @@ impl MetricId {
         Self::Centring,
         Self::Distance,
         Self::BloodLoss,
+        Self::ClipErrors,
         Self::ClampTime,
         Self::TumourLeft,
         Self::HealthyRemoved,
@@ -235,6 +237,14 @@ impl MetricId {
                 CAMERA,
             ),
             Self::BloodLoss => of("Blood loss", "ml", Session, Less, "Blood that was lost through all bleeding sites.", NEPHRECTOMY),
+            Self::ClipErrors => of(
+                "Clip errors",
+                "",
+                Session,
+                Less,
+                "Clips that were set on no vessel or not across the whole of one, that closed on nothing and dropped, or that slipped off.",
+                OURS,
+            ),
             Self::ClampTime => of(
                 "Clamp time",
                 "s",

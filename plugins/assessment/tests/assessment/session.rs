@@ -37,7 +37,7 @@ pub fn theatre(assessed: bool) -> (App, [Entity; 3]) {
     assert!(mesh.total_volume() > 0.0);
     let organ = world.spawn((Organ { name: "kidney".into() }, TissueMesh(mesh), materials())).id();
     let (near, far) = (VesselEnd::default(), VesselEnd::default());
-    world.spawn(Vessel { name: "artery".into(), line: vec![Vec3::ZERO, Vec3::X], radius_m: 0.001, near, far });
+    world.spawn(Vessel { name: "artery".into(), line: vec![Vec3::ZERO, Vec3::X], radius_m: 0.001, wall_m: 0.0, near, far });
     let tool = |x: f32| {
         let told = Instrument { kind: InstrumentKind::Grasper, name: "grasper".into(), shaft_length_m: 0.33, shaft_radius_m: 0.0025 };
         let pads = JawPads { from_m: 0.005, to_m: 0.015, half_width_m: 0.002, closed_gap_m: 0.0005 };

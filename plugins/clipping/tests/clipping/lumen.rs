@@ -16,7 +16,7 @@ fn bar() -> TetMesh {
 fn vessel() -> Vessel {
     let artery = VesselEnd { pressure_pa: 13_332.0, supply_ml_min: 600.0 };
     let line = vec![Vec3::new(0.001, 0.004, 0.004), Vec3::new(0.039, 0.004, 0.004)];
-    Vessel { name: "artery".into(), line, radius_m: RADIUS, near: artery, far: VesselEnd::default() }
+    Vessel { name: "artery".into(), line, radius_m: RADIUS, wall_m: 0.0, near: artery, far: VesselEnd::default() }
 }
 
 /// Takes out the tetrahedra whose middle is in a box.

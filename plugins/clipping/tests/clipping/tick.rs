@@ -43,7 +43,7 @@ fn bar(app: &mut App, far: VesselEnd) -> Entity {
     let mesh = block([20, 4, 4], [0.04, 0.008, 0.008]);
     let state = TissueState::at_rest(&mesh);
     let line = vec![Vec3::new(0.001, 0.004, 0.004), Vec3::new(0.039, 0.004, 0.004)];
-    let vessel = Vessel { name: "artery".into(), line, radius_m: 0.0025, near: ARTERY, far };
+    let vessel = Vessel { name: "artery".into(), line, radius_m: 0.0025, wall_m: 0.0, near: ARTERY, far };
     app.world_mut().spawn((Organ { name: "bar".into() }, TissueMesh(mesh), state, vessel)).id()
 }
 

@@ -1,0 +1,312 @@
+//! Blood where it bleeds: what leaves a vessel flies as drops, by gravity alone, and lies as pools on the anatomy that it falls on.
+//!
+//! The rate is that of [`BleedSite`]; drops have the speed of a free jet through the opening, and the pulse of a heart that is at rest, which changes their
+//! number and speed about the mean and not what flows. Nothing here is read by the simulation: tissue is not wetted, and drops pass through it.
+
+use crate::layers;
+use bevy::light::NotShadowCaster;
+use bevy::prelude::*;
+use keyhole_whiteboard::{Anatomy, BleedReport, BleedSite, Gravity};
+
+/// Volume of a drop, ml: of about 2 mm.
+const DROP_ML: f32 = 0.004;
+/// Part of an opening that a jet leaves through: the contraction of a free jet.
+const CONTRACTION: f32 = 0.61;
+/// Slowest and fastest that blood is seen to leave, m/s: it oozes, or spurts.
+const SPEEDS_M_S: (f32, f32) = (0.02, 1.2);
+/// Beats of the heart, 1/s.
+const BEATS_1_S: f32 = 1.2;
+/// How much more there is of it in a beat, and less between beats.
+const PULSE: f32 = 0.6;
+/// How wide a jet scatters, as a part of its speed.
+const SCATTER: f32 = 0.06;
+/// Longest that a drop flies, s.
+const LONGEST_S: f32 = 0.8;
+/// Thickness of a pool, m: of water with gravity and surface tension about as much.
+const POOL_DEEP_M: f32 = 0.0016;
+/// Largest radius of a pool, m: then it rises.
+const POOL_MOST_M: f32 = 0.03;
+/// Drops that land so near to a pool's rim run into it, m.
+const POOL_REACH_M: f32 = 0.006;
+
+/// A drop on its way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Drop {
+    at: Vec3,
+    v: Vec3,
+    age_s: f32,
+}
+
+/// Blood that lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pool {
+    at: Vec3,
+    normal: Vec3,
+    ml: f32,
+}
+
+impl Pool {
+    /// Radius and thickness, m: half of a flat ellipsoid has 2/3 pi r2 h.
+    fn size_m(&self) -> (f32, f32) {
+        let area = 2.0 / 3.0 * std::f32::consts::PI;
+        let radius = (self.ml * 1e-6 / (area * POOL_DEEP_M)).sqrt();
+        if radius <= POOL_MOST_M { (radius, POOL_DEEP_M) } else { (POOL_MOST_M, self.ml * 1e-6 / (area * POOL_MOST_M * POOL_MOST_M)) }
+    }
+}
+
+/// A surface that blood falls on, in the world, and the box around it.
+#[derive(Clone, Debug)]
+struct Floor {
+    triangles: Vec<[Vec3; 3]>,
+    low: Vec3,
+    high: Vec3,
+}
+
+/// All blood that is seen. Empty while nothing bleeds and nothing has.
+#[derive(Resource, Default, Debug)]
+pub struct Blood {
+    drops: Vec<Drop>,
+    pools: Vec<Pool>,
+    /// What has flowed of the next drop, ml, by site.
+    owed_ml: Vec<f32>,
+    floors: Option<Vec<Floor>>,
+    /// Lost when it was last looked at, ml.
+    lost_ml: f64,
+    time_s: f32,
+    /// Drops so far: where each goes follows from its number.
+    count: u32,
+}
+
+impl Blood {
+    fn is_none(&self) -> bool {
+        self.drops.is_empty() && self.pools.is_empty() && self.floors.is_none()
+    }
+}
+
+/// Run condition: something bleeds, or has.
+#[must_use]
+pub fn bleeds(report: Res<BleedReport>, blood: Res<Blood>) -> bool {
+    !report.sites.is_empty() || !blood.is_none()
+}
+
+/// A tick of everything that flows.
+pub fn flow_blood(
+    report: Res<BleedReport>,
+    gravity: Res<Gravity>,
+    time: Res<Time>,
+    anatomy: Query<(&Anatomy, &Transform)>,
+    mut blood: ResMut<Blood>,
+) {
+    if report.lost_ml < blood.lost_ml {
+        // The scene has started over.
+        *blood = Blood::default();
+        return;
+    }
+    blood.lost_ml = report.lost_ml;
+    if blood.floors.is_none() {
+        blood.floors = Some(anatomy.iter().filter_map(|(anatomy, place)| floor(anatomy, place)).collect());
+    }
+    blood.advance(&report.sites, gravity.0, time.delta_secs());
+}
+
+fn floor(anatomy: &Anatomy, place: &Transform) -> Option<Floor> {
+    let at = |i: &u32| place.transform_point(Vec3::from_array(anatomy.surface.vertices[*i as usize]));
+    let triangles: Vec<[Vec3; 3]> = anatomy.surface.indices.chunks_exact(3).map(|t| [at(&t[0]), at(&t[1]), at(&t[2])]).collect();
+    let all = triangles.iter().flatten().copied();
+    let (low, high) = all.fold(None, |b: Option<(Vec3, Vec3)>, p| Some(b.map_or((p, p), |(l, h)| (l.min(p), h.max(p)))))?;
+    Some(Floor { triangles, low, high })
+}
+
+impl Blood {
+    fn advance(&mut self, sites: &[BleedSite], gravity: Vec3, dt_s: f32) {
+        self.time_s += dt_s;
+        let floors = self.floors.take().unwrap_or_default();
+        let mut drops = std::mem::take(&mut self.drops);
+        drops.retain_mut(|drop| {
+            let from = drop.at;
+            drop.v += gravity * dt_s;
+            drop.at += drop.v * dt_s;
+            drop.age_s += dt_s;
+            match land(&floors, from, drop.at) {
+                Some((at, normal)) => self.pool(at, normal),
+                None => return drop.age_s < LONGEST_S,
+            }
+            false
+        });
+        self.floors = Some(floors);
+        self.owed_ml.resize(sites.len(), 0.0);
+        let beat = 1.0 + PULSE * (std::f32::consts::TAU * BEATS_1_S * self.time_s).sin();
+        for (i, site) in sites.iter().enumerate() {
+            let flow_ml_s = site.rate_ml_min / 60.0 * beat;
+            let mut owed = self.owed_ml[i] + flow_ml_s * dt_s;
+            let speed = (flow_ml_s * 1e-6 / (CONTRACTION * site.area_m2.max(f32::MIN_POSITIVE))).clamp(SPEEDS_M_S.0, SPEEDS_M_S.1);
+            let whole = (owed / DROP_ML) as u32;
+            owed -= whole as f32 * DROP_ML;
+            for k in 0..whole {
+                self.count = self.count.wrapping_add(1);
+                let v = speed * (site.towards + SCATTER * scattered(self.count));
+                // They have left evenly over the tick.
+                let age_s = dt_s * (k as f32 + 0.5) / whole as f32;
+                let at = site.at + v * age_s + 0.5 * gravity * age_s * age_s;
+                drops.push(Drop { at, v: v + gravity * age_s, age_s });
+            }
+            self.owed_ml[i] = owed;
+        }
+        self.drops = drops;
+    }
+
+    /// A drop lands.
+    fn pool(&mut self, at: Vec3, normal: Vec3) {
+        let near = |p: &&mut Pool| p.normal.dot(normal) > 0.9 && p.at.distance(at) < p.size_m().0 + POOL_REACH_M;
+        match self.pools.iter_mut().filter(near).min_by(|a, b| a.at.distance(at).total_cmp(&b.at.distance(at))) {
+            Some(pool) => {
+                pool.at = pool.at.lerp(at, DROP_ML / (pool.ml + DROP_ML));
+                pool.ml += DROP_ML;
+            }
+            None => self.pools.push(Pool { at, normal, ml: DROP_ML }),
+        }
+    }
+}
+
+/// Where a straight way first goes through a surface, and the normal there, against the way.
+fn land(floors: &[Floor], from: Vec3, to: Vec3) -> Option<(Vec3, Vec3)> {
+    let way = to - from;
+    let (low, high) = (from.min(to), from.max(to));
+    let near = floors.iter().filter(|f| f.low.cmple(high).all() && f.high.cmpge(low).all());
+    let hits = near.flat_map(|f| &f.triangles).filter_map(|[a, b, c]| {
+        let normal = (*b - *a).cross(*c - *a);
+        let speed = normal.dot(way);
+        let part = normal.dot(*a - from) / speed;
+        if speed == 0.0 || !(0.0..=1.0).contains(&part) {
+            return None;
+        }
+        let p = from + part * way;
+        let inside = [(*a, *b), (*b, *c), (*c, *a)].into_iter().all(|(u, v)| (v - u).cross(p - u).dot(normal) >= 0.0);
+        inside.then(|| (part, p, -normal.normalize() * speed.signum()))
+    });
+    hits.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, p, normal)| (p, normal))
+}
+
+/// A vector in the unit cube about zero that looks as if by chance, from a number (the finalizer of MurmurHash3, A. Appleby).
+fn scattered(number: u32) -> Vec3 {
+    let part = |k: u32| {
+        let mut h = number.wrapping_mul(3).wrapping_add(k);
+        h = (h ^ (h >> 16)).wrapping_mul(0x85eb_ca6b);
+        h = (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35);
+        (h ^ (h >> 16)) as f32 / u32::MAX as f32 * 2.0 - 1.0
+    };
+    Vec3::new(part(0), part(1), part(2))
+}
+
+/// Something of the blood that is drawn.
+#[derive(Component, Clone, Copy, Debug)]
+pub struct DrawnBlood;
+
+/// The ball and the material that all blood is drawn with.
+#[derive(Clone, Debug)]
+pub struct BloodLook(Handle<Mesh>, Handle<StandardMaterial>);
+
+/// Puts a ball where each drop and each pool is, and where blood leaves.
+pub fn draw_blood(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+    report: Res<BleedReport>,
+    blood: Res<Blood>,
+    mut drawn: Query<(&mut Transform, &mut Visibility), With<DrawnBlood>>,
+    mut look: Local<Option<BloodLook>>,
+) {
+    let radius = (0.75 / std::f32::consts::PI * DROP_ML * 1e-6).cbrt();
+    let drops = blood.drops.iter().map(|drop| {
+        // Drawn out by its speed, so that a jet hangs together.
+        let long = (0.008 * drop.v.length() / radius).clamp(1.0, 5.0);
+        let scale = Vec3::new(1.0, long, 1.0) * radius * long.powf(-0.25);
+        Transform { translation: drop.at, rotation: Quat::from_rotation_arc(Vec3::Y, drop.v.normalize_or(Vec3::Y)), scale }
+    });
+    let pools = blood.pools.iter().map(|pool| {
+        let (radius, deep) = pool.size_m();
+        Transform { translation: pool.at, rotation: Quat::from_rotation_arc(Vec3::Y, pool.normal), scale: Vec3::new(radius, deep, radius) }
+    });
+    let sites = report.sites.iter().map(|site| {
+        let radius = (site.area_m2 / std::f32::consts::PI).sqrt();
+        let rotation = Quat::from_rotation_arc(Vec3::Y, site.towards);
+        Transform { translation: site.at, rotation, scale: Vec3::new(radius, 0.5 * radius, radius) }
+    });
+    let mut wanted = drops.chain(pools).chain(sites);
+    for (mut transform, mut visibility) in &mut drawn {
+        match wanted.next() {
+            Some(place) => {
+                *transform = place;
+                visibility.set_if_neq(Visibility::Inherited);
+            }
+            None => {
+                visibility.set_if_neq(Visibility::Hidden);
+            }
+        }
+    }
+    for place in wanted {
+        let BloodLook(ball, material) = look.get_or_insert_with(|| {
+            let ball = Sphere::new(1.0).mesh().ico(6).unwrap_or_else(|_| Sphere::new(1.0).mesh().uv(32, 20));
+            let material = StandardMaterial {
+                base_color: Color::linear_rgb(0.28, 0.005, 0.006),
+                perceptual_roughness: 0.18,
+                reflectance: 0.5,
+                ..default()
+            };
+            BloodLook(meshes.add(ball), materials.add(material))
+        });
+        commands.spawn((
+            DrawnBlood,
+            Mesh3d(ball.clone()),
+            MeshMaterial3d(material.clone()),
+            place,
+            Visibility::Inherited,
+            NotShadowCaster,
+            layers::shared(),
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn site(rate_ml_min: f32) -> BleedSite {
+        BleedSite { organ: Entity::PLACEHOLDER, at: Vec3::Y * 0.01, towards: Vec3::X, area_m2: 7e-6, rate_ml_min }
+    }
+
+    fn bed() -> Floor {
+        let [a, b, c, d] = [[-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [1.0, -1.0]].map(|[x, z]| Vec3::new(x, 0.0, z));
+        Floor { triangles: vec![[a, b, c], [a, c, d]], low: a, high: c }
+    }
+
+    /// What flows in ten whole beats is in the air or in pools, to a drop; and it flies as what is thrown does.
+    #[test]
+    fn what_flows_is_what_lies() {
+        for rate in [6.0, 150.0] {
+            let mut blood = Blood { floors: Some(vec![bed()]), ..default() };
+            let ticks = 500;
+            for _ in 0..ticks {
+                blood.advance(&[site(rate)], Vec3::NEG_Y * 9.81, 1.0 / 60.0);
+            }
+            let flown: f32 = blood.drops.len() as f32 * DROP_ML;
+            let lies: f32 = blood.pools.iter().map(|p| p.ml).sum();
+            let flowed = rate / 60.0 * ticks as f32 / 60.0;
+            assert!((flown + lies + blood.owed_ml[0] - flowed).abs() < 0.01 * flowed, "{flown} {lies} of {flowed}");
+            assert!(blood.pools.iter().all(|p| p.at.y.abs() < 1e-6 && p.normal == Vec3::Y));
+            // From 10 mm it falls for 45 ms, at no more than the mean speed with its beat.
+            let furthest = blood.pools.iter().map(|p| p.at.x).fold(0.0, f32::max);
+            let fastest = (rate / 60.0 * 1e-6 / (CONTRACTION * 7e-6)) * (1.0 + PULSE);
+            assert!(furthest < (fastest.max(SPEEDS_M_S.0) * (1.0 + SCATTER)) * 0.0475 * 1.1, "{furthest}");
+        }
+    }
+
+    #[test]
+    fn a_pool_has_its_volume_however_large() {
+        for ml in [0.004, 0.5, 50.0] {
+            let (radius, deep) = Pool { at: Vec3::ZERO, normal: Vec3::Y, ml }.size_m();
+            let volume_ml = 2.0 / 3.0 * std::f32::consts::PI * radius * radius * deep * 1e6;
+            assert!((volume_ml / ml - 1.0).abs() < 1e-4 && radius <= POOL_MOST_M * 1.0001);
+        }
+    }
+}
