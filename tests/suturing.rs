@@ -11,8 +11,8 @@ use keyhole_tetmesh::TetMesh;
 use keyhole_tissue::{TissuePlugin, TissueSettings};
 use keyhole_whiteboard::{
     Attachment, Attachments, Bites, Gravity, Hand, HoleKind, Instrument, InstrumentKind, InstrumentPose, Knot, Knots, Needle, Organ,
-    OrganMaterial, OrganMaterials, Port, SceneRequirements, SimulationControl, TearResistance, Thread, TissueMesh, TissueState,
-    WhiteboardPlugin,
+    OrganMaterial, OrganMaterials, Port, SceneRequirements, SimulationControl, SutureReport, TearResistance, Thread, TissueMesh,
+    TissueState, WhiteboardPlugin,
 };
 use std::f32::consts::PI;
 
@@ -273,4 +273,38 @@ fn a_single_throw_slips_under_a_load_that_a_double_one_holds() {
     let (single, double) = (slipped(1), slipped(2));
     assert!(single > 0.002, "a single throw slips: {single} m");
     assert!(double.abs() < 1e-4, "a double one holds: {double} m");
+}
+
+/// Both hands pull, the one at the tail and the one at the needle, until something gives: the bite with little tissue before it is out, the one farther in is not, and
+/// afterwards nothing bears more than it can.
+#[test]
+fn a_bite_near_the_edge_tears_out_when_it_is_pulled_and_one_farther_in_holds() {
+    let pulled = |from_edge: f32| {
+        let mut theatre = Theatre::new(from_edge, 300.0);
+        theatre.stitch();
+        let bites: Bites = theatre.get();
+        assert_eq!((bites.held.len(), bites.torn.len()), (2, 0), "before anybody pulls");
+        theatre.take_tail();
+        let needle_end = theatre.tip(1);
+        let mut most = 0.0f32;
+        for step in 1..=120 {
+            let away = 0.02 * step as f32 / 120.0;
+            theatre.put(0, Hold { tip: Vec3::new(-0.027, 0.0436, 0.0), roll_rad: 0.0, grip: 1.0 });
+            theatre.carry(1, needle_end + away * Vec3::X, 1);
+            let bites: Bites = theatre.get();
+            let loads = bites.held.iter().map(|b| b.load_n);
+            most = loads.fold(most, f32::max);
+        }
+        println!("{from_edge} m: {:?}, most {most} N", theatre.get::<Bites>().torn);
+        (theatre.get::<Bites>(), most, *theatre.app.world().resource::<SutureReport>())
+    };
+    let (near, most, report) = pulled(0.0015);
+    assert!(!near.torn.is_empty() && report.torn == near.torn.len() as u64, "{near:?}");
+    for torn in &near.torn {
+        assert!(torn.load_n > torn.strength_n && (torn.strength_n - 300.0 * torn.depth_m).abs() < 1e-5, "{torn:?}");
+    }
+    assert!(most < 3.0, "{most} N on a bite after a tear");
+    let (far, most, report) = pulled(0.006);
+    assert_eq!((far.held.len(), far.torn.len(), report), (2, 0, SutureReport::default()), "{:?}", far.torn);
+    assert!(most < 300.0 * 0.02, "{most} N");
 }

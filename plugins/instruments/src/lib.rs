@@ -6,6 +6,7 @@
 
 pub mod device;
 pub mod error;
+pub mod exchange;
 pub mod force;
 pub mod hands;
 pub mod kinematics;

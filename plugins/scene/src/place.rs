@@ -135,19 +135,20 @@ impl SceneInstrumentKind {
             Self::Scissors => InstrumentKind::Scissors,
             Self::Hook => InstrumentKind::Hook,
             Self::Scalpel => InstrumentKind::Scalpel,
+            Self::NeedleHolder => InstrumentKind::NeedleHolder,
         }
     }
 
     /// Whether it has a blade.
     #[must_use]
     pub fn cuts(self) -> bool {
-        self != Self::Grasper
+        !matches!(self, Self::Grasper | Self::NeedleHolder)
     }
 
     /// Whether it has jaws that close.
     #[must_use]
     pub fn closes(self) -> bool {
-        matches!(self, Self::Grasper | Self::Scissors)
+        matches!(self, Self::Grasper | Self::Scissors | Self::NeedleHolder)
     }
 }
 
@@ -208,7 +209,7 @@ impl Scene {
         let tissue = !self.organs.is_empty();
         SceneRequirements {
             tissue,
-            cutting: tissue && self.instruments.iter().any(|i| i.kind.cuts()),
+            cutting: tissue && self.instruments.iter().any(|i| i.kind.cuts() || i.exchange.iter().any(|kind| kind.cuts())),
             instruments: !self.instruments.is_empty() || self.endoscope.is_some(),
             collision: self.collision.on
                 && tissue
@@ -217,6 +218,7 @@ impl Scene {
                     || self.anatomy.iter().any(|a| a.solid)
                     || self.collision.itself == SceneSelfCollision::Always),
             assessment: !self.instruments.is_empty() || self.endoscope.is_some(),
+            suturing: !self.sutures.is_empty(),
             ..SceneRequirements::default()
         }
     }
@@ -276,6 +278,8 @@ mod tests {
             mesh: None,
             shape: None,
             friction: None,
+            tear_n_m: None,
+            bruise_pa: None,
             materials: Vec::new(),
             transform: Placement { translation: [0.0, 0.0, 1.0], ..Default::default() },
             attachments: vec![

@@ -199,7 +199,10 @@ proptest! {
 fn the_authors_guide_names_every_field_and_value() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let guide = std::fs::read_to_string(root.join("../../docs/scenes.md")).unwrap();
-    let format = std::fs::read_to_string(root.join("src/format.rs")).unwrap();
+    let read = |file: &str| std::fs::read_to_string(root.join(file)).unwrap();
+    // What comes after the types are no fields.
+    let suture = read("src/suture.rs").split("fn default_needle").next().unwrap().to_owned();
+    let format = suture + &read("src/format.rs");
     let names = |line: &str| -> Option<String> {
         let field = line.trim().strip_prefix("pub ").and_then(|l| l.split_once(':')).map(|(name, _)| name.to_owned());
         let inside = line.starts_with("        ") && !line.trim().starts_with('/') && line.contains(": ");

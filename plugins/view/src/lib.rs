@@ -6,6 +6,7 @@
 
 pub mod adapter;
 pub mod anatomy;
+pub mod bruises;
 pub mod buffers;
 pub mod depth;
 pub mod eyes;
@@ -23,6 +24,7 @@ pub mod smoothing;
 #[cfg(test)]
 mod testing;
 pub mod theatre;
+pub mod thread;
 pub mod tools;
 
 pub use adapter::{AdapterError, adapter_available, display_available};

@@ -35,6 +35,8 @@ pub enum InstrumentKind {
     Hook,
     /// A pointed straight blade that cuts along its edge while it is active.
     Scalpel,
+    /// Two short strong jaws that hold a needle and its thread.
+    NeedleHolder,
 }
 
 /// An instrument. Written by the scene.
