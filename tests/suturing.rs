@@ -17,7 +17,7 @@ use keyhole_whiteboard::{
 use std::f32::consts::PI;
 
 /// Force at which a bite tears out here, per length of tissue before it, N/m.
-const TEAR_N_M: f32 = 800.0;
+const TEAR_N_M: f32 = 500.0;
 
 /// Half of the gap between the edges, m.
 const GAP: f32 = 0.001;
@@ -289,28 +289,26 @@ fn a_bite_near_the_edge_tears_out_when_it_is_pulled_and_one_farther_in_holds() {
         assert_eq!((bites.held.len(), bites.torn.len()), (2, 0), "before anybody pulls");
         theatre.take_tail();
         let needle_end = theatre.tip(1);
-        let (mut most, mut after) = (0.0f32, 0.0f32);
+        let (mut before, mut after) = (0.0f32, 0.0f32);
         for step in 1..=240 {
-            let away = 0.05 * step as f32 / 240.0;
+            let away = 0.03 * step as f32 / 240.0;
             theatre.put(0, Hold { tip: Vec3::new(-0.027, 0.0436, 0.0), roll_rad: 0.0, grip: 1.0 });
             theatre.carry(1, needle_end + away * Vec3::X, 1);
             let bites: Bites = theatre.get();
-            let loads = bites.held.iter().map(|b| b.load_n);
-            most = loads.fold(most, f32::max);
-            if !bites.torn.is_empty() {
-                after = after.max(bites.held.iter().map(|b| b.load_n).fold(0.0, f32::max));
-            }
+            let load = bites.held.iter().map(|b| b.load_n).fold(0.0, f32::max);
+            let worst = if bites.torn.is_empty() { &mut before } else { &mut after };
+            *worst = load.max(*worst);
         }
-        println!("{from_edge} m: {:?}, most {most} N, after a tear {after} N", theatre.get::<Bites>().torn);
-        (theatre.get::<Bites>(), most, *theatre.app.world().resource::<SutureReport>())
+        println!("{from_edge} m: {:?}, at most {before} N, after a tear {after} N", theatre.get::<Bites>().torn);
+        (theatre.get::<Bites>(), before.max(after), *theatre.app.world().resource::<SutureReport>())
     };
     let (near, most, report) = pulled(0.0015);
     assert!(!near.torn.is_empty() && report.torn == near.torn.len() as u64, "{near:?}");
     for torn in &near.torn {
         assert!(torn.load_n > torn.strength_n && (torn.strength_n - TEAR_N_M * torn.depth_m).abs() < 1e-5, "{torn:?}");
     }
-    assert!(most < 6.0, "{most} N on a bite after a tear");
+    assert!(most < 3.0, "{most} N");
     let (far, most, report) = pulled(0.006);
     assert_eq!((far.held.len(), far.torn.len(), report), (2, 0, SutureReport::default()), "{:?}", far.torn);
-    assert!(most < TEAR_N_M * 0.02, "{most} N");
+    assert!(most > 1.0, "it bears what tore the other one out: {most} N");
 }
