@@ -120,10 +120,10 @@ impl Theatre {
         self.app.update();
     }
 
-    /// Opens the jaws around a place and closes them.
+    /// Brings the jaws to a place and closes them there. They come from aside and hardly open, so that no tissue comes between them on the way.
     fn take(&mut self, tool: usize, tip: Vec3) {
-        // Hardly open, so that no tissue comes between them.
-        for grip in [0.9, 0.9, 1.0] {
+        let aside = tip + Vec3::new(0.0, 0.05, 0.03);
+        for (tip, grip) in [(aside, 0.0), (aside, 0.9), (tip, 0.9), (tip, 0.9), (tip, 1.0)] {
             self.put(tool, Hold { tip, roll_rad: 0.0, grip });
             self.app.update();
         }
@@ -310,5 +310,5 @@ fn a_bite_near_the_edge_tears_out_when_it_is_pulled_and_one_farther_in_holds() {
     assert!(most < 3.0, "{most} N");
     let (far, most, report) = pulled(0.006);
     assert_eq!((far.held.len(), far.torn.len(), report), (2, 0, SutureReport::default()), "{:?}", far.torn);
-    assert!(most > 1.0, "it bears what tore the other one out: {most} N");
+    assert!(most > near.torn[0].load_n, "it bears what tore the other one out: {most} N");
 }
