@@ -3,7 +3,7 @@
 
 use bevy::prelude::*;
 use keyhole::{Output, Settings, Theatre, simulation};
-use keyhole_whiteboard::{Bites, HoleKind, Instrument, InstrumentKind, JawPads, Knots, Needle, SutureReport, Thread};
+use keyhole_whiteboard::{Bites, HoleKind, Instrument, InstrumentKind, Knots, Needle, SutureReport, Thread};
 use std::path::Path;
 
 fn suture<C: Component + Clone>(app: &mut App) -> C {
@@ -18,33 +18,11 @@ fn the_demonstration_ties_two_edges_together() {
     let theatre = Theatre::load(&scene).unwrap();
     let ticks = (theatre.demonstration_s().unwrap() * 60.0).ceil() as u32;
     let mut app = simulation(theatre, Settings { output: Output::None, demonstration: true, ..default() });
-    let world = app.world_mut();
-    let holders = world.query_filtered::<&Instrument, With<JawPads>>();
     assert_eq!(suture::<Needle>(&mut app).grips.len(), 1, "the right hand has the needle");
-    drop(holders);
-    let verbose = std::env::var_os("STITCH_VERBOSE").is_some();
     let mut handed = false;
-    for tick in 0..ticks {
+    for _ in 0..ticks {
         app.update();
-        let (needle, thread, bites, knots): (Needle, Thread, Bites, Knots) =
-            (suture(&mut app), suture(&mut app), suture(&mut app), suture(&mut app));
-        handed |= needle.grips.len() == 2;
-        if verbose && tick % 12 == 0 {
-            let loads: Vec<_> = bites.held.iter().map(|b| (b.holes.len(), b.load_n, b.strength_n)).collect();
-            println!(
-                "{:.2} s: needle {} {}, thread {} tail {:.4} {:.4} tension {:.3}, bites {loads:?} torn {}, winding {:.2} knots {:?}",
-                f64::from(tick) / 60.0,
-                needle.grips.len(),
-                Vec3::from(needle.pose.translation),
-                thread.grips.len(),
-                thread.points[0],
-                thread.points[2],
-                thread.tension_n,
-                bites.torn.len(),
-                knots.winding,
-                knots.tied.iter().map(|k| (k.throws.to_vec(), k.hold_n, k.at_m[1] - k.at_m[0])).collect::<Vec<_>>(),
-            );
-        }
+        handed |= suture::<Needle>(&mut app).grips.len() == 2;
     }
     let (needle, thread, bites, knots): (Needle, Thread, Bites, Knots) =
         (suture(&mut app), suture(&mut app), suture(&mut app), suture(&mut app));
