@@ -1,20 +1,21 @@
 //! From a theatre onto the whiteboard, and off it again.
 
 use crate::theatre::Theatre;
+use bevy::math::Isometry3d;
 use bevy::prelude::*;
 use keyhole_collision::{CollisionSettings, SelfCollision};
-use keyhole_instruments::{Script, TrocarState, tools};
+use keyhole_instruments::{PortFrame, Script, TrocarState, tools};
 use keyhole_scene::surface;
-use keyhole_scene::{SceneSelfCollision, SceneTimeStepping, SceneTissue, SceneTissueModel};
+use keyhole_scene::{Scene, SceneSelfCollision, SceneTimeStepping, SceneTissue, SceneTissueModel};
 use keyhole_tetmesh::TetMesh;
 use keyhole_tissue::reference::{ReferenceError, unloaded};
 use keyhole_tissue::{
     Capsule, Constraints, TeschnerSettings, TimeStepping, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings,
 };
 use keyhole_whiteboard::{
-    Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, Gravity, Instrument, InstrumentKind,
-    Organ, OrganMaterials, Port, RigidBody, RigidReport, ScriptClock, SimulationControl, SurfaceFriction, Thread, TickCost, TissueMesh,
-    TissueState, TopologyChanged,
+    Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, GraspReport, Gravity, Hand, Instrument,
+    InstrumentKind, NeedleGrip, Organ, OrganMaterials, PinchLimit, Port, RigidBody, RigidReport, ScriptClock, SimulationControl,
+    SurfaceFriction, SutureReport, TearResistance, Thread, TickCost, TissueMesh, TissueState, TopologyChanged, Tray,
 };
 
 /// Part of the sag within which a rest shape hangs as the scan.
@@ -107,6 +108,12 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
         if let Some(vessel) = vessel {
             entity.insert(vessel);
         }
+        if let Some(force) = organ.tear_n_m {
+            entity.insert(TearResistance(force));
+        }
+        if let Some(pressure) = organ.bruise_pa {
+            entity.insert(PinchLimit(pressure));
+        }
     }
     for (told, surface) in scene.anatomy.iter().zip(&theatre.surfaces) {
         let anatomy = Anatomy { name: told.name.clone(), surface: surface.clone(), colour: told.colour };
@@ -121,16 +128,20 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             rub(&mut entity, told.friction);
         }
     }
+    let mut hands = Vec::new();
     for instrument in &scene.instruments {
         let Some(port) = scene.port(&instrument.port) else { continue };
         let kind = instrument.kind.kind();
         let told = Instrument {
             kind,
-            name: format!("{:?}", instrument.kind),
+            name: tools::name(kind).into(),
             shaft_length_m: instrument.shaft_length_m,
             shaft_radius_m: instrument.shaft_radius_m,
         };
-        let state = trocar_state(instrument.yaw_deg, instrument.pitch_deg, instrument.insertion_m);
+        let mut state = trocar_state(instrument.yaw_deg, instrument.pitch_deg, instrument.insertion_m);
+        if scene.sutures.iter().any(|s| s.held_by == Some(instrument.hand)) {
+            state.grip = 1.0;
+        }
         // What cuts comes first: instruments equip what arrives without it.
         let mut entity = world.spawn_empty();
         if let Some(of_kind) = tools::cutting_line(kind) {
@@ -141,7 +152,12 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
         }
         entity.insert((told, instrument.hand.hand(), port, state));
         rub(&mut entity, instrument.friction);
+        if !instrument.exchange.is_empty() {
+            entity.insert(Tray(instrument.exchange.iter().map(|kind| kind.kind()).collect()));
+        }
+        hands.push((instrument.hand.hand(), entity.id(), PortFrame::of(&port).pose(&state)));
     }
+    spawn_sutures(world, scene, &hands);
     if let Some(scope) = &scene.endoscope
         && let Some(port) = scene.port(&scope.port)
     {
@@ -152,6 +168,17 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             roll_rad: 0.0,
         };
         world.spawn((endoscope, port, trocar_state(scope.yaw_deg, scope.pitch_deg, scope.insertion_m)));
+    }
+}
+
+/// Needles with their threads, in the hands that have them at first. `hands` are the instruments with their poses.
+fn spawn_sutures(world: &mut World, scene: &Scene, hands: &[(Hand, Entity, Isometry3d)]) {
+    for suture in &scene.sutures {
+        let local = suture.transform.isometry();
+        let holder = suture.held_by.and_then(|hand| hands.iter().find(|(h, ..)| *h == hand.hand()));
+        let (mut needle, thread) = suture.needle(holder.map_or(local, |(.., pose)| *pose * local));
+        needle.grips.extend(holder.map(|(_, instrument, _)| NeedleGrip { instrument: *instrument, local }));
+        world.spawn((needle, thread));
     }
 }
 
@@ -176,6 +203,8 @@ pub fn clear(world: &mut World) {
     world.insert_resource(RigidReport::default());
     world.insert_resource(ClipReport::default());
     world.insert_resource(BleedReport::default());
+    world.insert_resource(GraspReport::default());
+    world.insert_resource(SutureReport::default());
     world.insert_resource(TickCost::default());
     world.insert_resource(Script::default());
 }

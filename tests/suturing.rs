@@ -11,10 +11,13 @@ use keyhole_tetmesh::TetMesh;
 use keyhole_tissue::{TissuePlugin, TissueSettings};
 use keyhole_whiteboard::{
     Attachment, Attachments, Bites, Gravity, Hand, HoleKind, Instrument, InstrumentKind, InstrumentPose, Knot, Knots, Needle, Organ,
-    OrganMaterial, OrganMaterials, Port, SceneRequirements, SimulationControl, TearResistance, Thread, TissueMesh, TissueState,
-    WhiteboardPlugin,
+    OrganMaterial, OrganMaterials, Port, SceneRequirements, SimulationControl, SutureReport, TearResistance, Thread, TissueMesh,
+    TissueState, WhiteboardPlugin,
 };
 use std::f32::consts::PI;
+
+/// Force at which a bite tears out here, per length of tissue before it, N/m.
+const TEAR_N_M: f32 = 500.0;
 
 /// Half of the gap between the edges, m.
 const GAP: f32 = 0.001;
@@ -117,10 +120,10 @@ impl Theatre {
         self.app.update();
     }
 
-    /// Opens the jaws around a place and closes them.
+    /// Brings the jaws to a place and closes them there. They come from aside and hardly open, so that no tissue comes between them on the way.
     fn take(&mut self, tool: usize, tip: Vec3) {
-        // Hardly open, so that no tissue comes between them.
-        for grip in [0.9, 0.9, 1.0] {
+        let aside = tip + Vec3::new(0.0, 0.05, 0.03);
+        for (tip, grip) in [(aside, 0.0), (aside, 0.9), (tip, 0.9), (tip, 0.9), (tip, 1.0)] {
             self.put(tool, Hold { tip, roll_rad: 0.0, grip });
             self.app.update();
         }
@@ -273,4 +276,39 @@ fn a_single_throw_slips_under_a_load_that_a_double_one_holds() {
     let (single, double) = (slipped(1), slipped(2));
     assert!(single > 0.002, "a single throw slips: {single} m");
     assert!(double.abs() < 1e-4, "a double one holds: {double} m");
+}
+
+/// Both hands pull, the one at the tail and the one at the needle, until something gives: the bite with little tissue before it is out, the one farther in is not, and
+/// afterwards nothing bears more than it can.
+#[test]
+fn a_bite_near_the_edge_tears_out_when_it_is_pulled_and_one_farther_in_holds() {
+    let pulled = |from_edge: f32| {
+        let mut theatre = Theatre::new(from_edge, TEAR_N_M);
+        theatre.stitch();
+        let bites: Bites = theatre.get();
+        assert_eq!((bites.held.len(), bites.torn.len()), (2, 0), "before anybody pulls");
+        theatre.take_tail();
+        let needle_end = theatre.tip(1);
+        let (mut before, mut after) = (0.0f32, 0.0f32);
+        for step in 1..=240 {
+            let away = 0.03 * step as f32 / 240.0;
+            theatre.put(0, Hold { tip: Vec3::new(-0.027, 0.0436, 0.0), roll_rad: 0.0, grip: 1.0 });
+            theatre.carry(1, needle_end + away * Vec3::X, 1);
+            let bites: Bites = theatre.get();
+            let load = bites.held.iter().map(|b| b.load_n).fold(0.0, f32::max);
+            let worst = if bites.torn.is_empty() { &mut before } else { &mut after };
+            *worst = load.max(*worst);
+        }
+        println!("{from_edge} m: {:?}, at most {before} N, after a tear {after} N", theatre.get::<Bites>().torn);
+        (theatre.get::<Bites>(), before.max(after), *theatre.app.world().resource::<SutureReport>())
+    };
+    let (near, most, report) = pulled(0.0015);
+    assert!(!near.torn.is_empty() && report.torn == near.torn.len() as u64, "{near:?}");
+    for torn in &near.torn {
+        assert!(torn.load_n > torn.strength_n && (torn.strength_n - TEAR_N_M * torn.depth_m).abs() < 1e-5, "{torn:?}");
+    }
+    assert!(most < 3.0, "{most} N");
+    let (far, most, report) = pulled(0.006);
+    assert_eq!((far.held.len(), far.torn.len(), report), (2, 0, SutureReport::default()), "{:?}", far.torn);
+    assert!(most > near.torn[0].load_n, "it bears what tore the other one out: {most} N");
 }

@@ -9,8 +9,9 @@ use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{MaterialId, OuterPlanes};
 use keyhole_whiteboard::{
-    BleedReport, ClipApplier, ClipReport, Contacts, CuttingLine, Endoscope, FreedFrom, Grasp, Hand, Instrument, InstrumentPose, JawPads,
-    Organ, OrganMaterials, Port, SceneRequirements, TickCost, TickSystems, TissueMesh, ToolContacts, Vessel,
+    BleedReport, ClipApplier, ClipReport, Contacts, CuttingLine, Endoscope, FreedFrom, Grasp, GraspReport, Hand, Instrument,
+    InstrumentPose, JawPads, Needle, Organ, OrganMaterials, Port, SceneRequirements, SutureReport, TickCost, TickSystems, TissueMesh,
+    ToolContacts, Vessel,
 };
 
 /// Measures a session where the scene requires it; where it does not, no system runs and nothing is allocated. A scene that is started over is a new session.
@@ -102,7 +103,8 @@ fn measure(
     mut assessment: ResMut<Assessment>,
     clamped: Res<Clamped>,
     (bleeding, clips): (Res<BleedReport>, Res<ClipReport>),
-    appliers: Query<(), With<ClipApplier>>,
+    (grasping, suturing): (Option<Res<GraspReport>>, Option<Res<SutureReport>>),
+    (appliers, pads, needles): (Query<(), With<ClipApplier>>, Query<(), With<JawPads>>, Query<(), With<Needle>>),
     vessels: Query<(), With<Vessel>>,
     tools: Query<Tool>,
     contacts: Query<&ToolContacts>,
@@ -132,6 +134,8 @@ fn measure(
     sample.view = scopes.iter().next().map(view_cone);
     sample.blood_lost_ml = (!vessels.is_empty()).then_some(bleeding.lost_ml);
     sample.clip_errors = (!appliers.is_empty()).then_some(clips.misplaced + clips.dropped + clips.slipped);
+    sample.bruised_m2 = grasping.filter(|_| !pads.is_empty()).map(|report| f64::from(report.bruised_m2));
+    sample.stitches_torn = suturing.filter(|_| !needles.is_empty()).map(|report| report.torn);
     sample.clamped = clamped.0;
     ongoing.sums.push(&ongoing.sample);
 }

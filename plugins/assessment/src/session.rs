@@ -56,6 +56,10 @@ pub struct Sample {
     pub blood_lost_ml: Option<f64>,
     /// Clips misplaced, dropped and slipped so far; `None` where there is no clip applier.
     pub clip_errors: Option<u32>,
+    /// Area that graspers have bruised so far, m2; `None` where nothing is grasped.
+    pub bruised_m2: Option<f64>,
+    /// Bites that have torn out so far; `None` where there is no suture.
+    pub stitches_torn: Option<u64>,
     /// Whether the supplying vessels are clamped; `None` where there is nothing to clamp.
     pub clamped: Option<bool>,
 }
@@ -72,6 +76,8 @@ pub struct Session {
     two_tools: bool,
     blood_lost_ml: Option<f64>,
     clip_errors: Option<u32>,
+    bruised_m2: Option<f64>,
+    stitches_torn: Option<u64>,
     clamp_s: Option<f64>,
 }
 
@@ -107,6 +113,8 @@ impl Session {
             two_tools: false,
             blood_lost_ml: None,
             clip_errors: None,
+            bruised_m2: None,
+            stitches_torn: None,
             clamp_s: None,
         }
     }
@@ -137,6 +145,8 @@ impl Session {
         }
         self.blood_lost_ml = sample.blood_lost_ml.or(self.blood_lost_ml);
         self.clip_errors = sample.clip_errors.or(self.clip_errors);
+        self.bruised_m2 = sample.bruised_m2.or(self.bruised_m2);
+        self.stitches_torn = sample.stitches_torn.or(self.stitches_torn);
         if let Some(clamped) = sample.clamped {
             *self.clamp_s.get_or_insert(0.0) += if clamped { self.dt_s } else { 0.0 };
         }
@@ -173,6 +183,8 @@ impl Session {
             MetricId::Distance => self.camera.distance_m().map(|d| d * 1e3),
             MetricId::BloodLoss => self.blood_lost_ml,
             MetricId::ClipErrors => self.clip_errors.map(f64::from),
+            MetricId::Bruised => self.bruised_m2.map(|a| a * 1e6),
+            MetricId::StitchesTorn => self.stitches_torn.map(|n| n as f64),
             MetricId::ClampTime => self.clamp_s,
             _ => None,
         }
@@ -257,6 +269,8 @@ mod tests {
                 view: Some(view),
                 blood_lost_ml: Some(0.2 * f64::from(tick)),
                 clip_errors: Some(3),
+                bruised_m2: Some(if tick > 7 { 3e-6 } else { 0.0 }),
+                stitches_torn: None,
                 clamped: Some(tick >= 8),
             });
         }
@@ -276,6 +290,8 @@ mod tests {
         near(MetricId::Overload, right, 3.0 * 0.1 * 2.0);
         near(MetricId::BloodLoss, None, 2.0);
         near(MetricId::ClipErrors, None, 3.0);
+        near(MetricId::Bruised, None, 3.0);
+        assert_eq!(value(MetricId::StitchesTorn, None), None, "there is no suture");
         near(MetricId::ClampTime, None, 0.3);
         near(MetricId::Horizon, None, 0.0);
         assert_eq!(value(MetricId::PathLength, Some(Hand::Left)), None, "there is no left hand");

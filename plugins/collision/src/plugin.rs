@@ -127,7 +127,7 @@ fn adopt_changes(
 fn prepare(
     mut commands: Commands,
     organs: Query<(Entity, &TissueMesh, Has<FreedFrom>), Without<OrganShape>>,
-    tools: Query<(Entity, &Instrument, &ToolModel, &Jaws), Without<ToolParts>>,
+    tools: Query<(Entity, &Instrument, &ToolModel, &Jaws), Or<(Without<ToolParts>, Changed<ToolModel>)>>,
     surfaces: Query<(Entity, &StaticSurface), Without<Seen>>,
 ) {
     for (organ, mesh, cut) in &organs {
@@ -135,7 +135,8 @@ fn prepare(
     }
     for (tool, instrument, model, jaws) in &tools {
         let parts = ToolParts { parts: tool_parts(instrument, model), angle_rad: jaws.angle_rad };
-        commands.entity(tool).insert((parts, ToolContacts::default()));
+        // One that was exchanged for another kind goes on counting what the hand touches.
+        commands.entity(tool).insert(parts).insert_if_new(ToolContacts::default());
     }
     for (entity, surface) in &surfaces {
         commands.entity(entity).insert(Seen);

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+pub mod bruise;
 pub mod friction;
 pub mod locate;
 pub mod pads;

@@ -1,5 +1,6 @@
 //! Glue: jaws on the whiteboard take hold of the organs on it.
 
+use crate::bruise::{cell_area_m2, follow, mark, severity, worsens};
 use crate::friction;
 use crate::locate::{is_whole, position, tissue_at};
 use crate::pads::{CELLS, Jaw, PadPoint, centres};
@@ -8,7 +9,8 @@ use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
 use bevy_math::Vec3;
 use keyhole_whiteboard::{
-    Anchor, Attachment, Attachments, GestureSystems, Grasp, InstrumentPose, JawPads, Jaws, SceneRequirements, TissueMesh, TissueState,
+    Anchor, Attachment, Attachments, Bruises, FragmentDetached, GestureSystems, Grasp, GraspReport, InstrumentPose, JawPads, Jaws, Organ,
+    PinchLimit, SceneRequirements, TissueMesh, TissuePoint, TissueState, TopologyChanged,
 };
 
 /// Jaws with pads hold tissue, in [`GestureSystems::Grasp`].
@@ -17,8 +19,12 @@ pub struct GraspingPlugin;
 impl Plugin for GraspingPlugin {
     fn build(&self, app: &mut App) {
         app.init_resource::<GraspSettings>()
+            .init_resource::<GraspReport>()
             .register_required_components::<JawPads, Grip>()
-            .add_systems(FixedUpdate, grasp.in_set(GestureSystems::Grasp).run_if(SceneRequirements::instruments));
+            .register_required_components::<Organ, Bruises>()
+            .add_observer(lose_pads)
+            .add_observer(inherit)
+            .add_systems(FixedUpdate, (follow_cuts, grasp).chain().in_set(GestureSystems::Grasp).run_if(SceneRequirements::instruments));
     }
 }
 
@@ -31,6 +37,8 @@ struct Grip {
     takes: bool,
     /// Their angle when they first had hold from both sides, rad; zero before.
     touched_rad: f32,
+    /// Cells that have bruised something since the jaws last held nothing.
+    bruising: [bool; CELLS],
 }
 
 /// Sums over the points of a grasp.
@@ -40,12 +48,54 @@ struct Tally {
     cells: [bool; CELLS],
     /// Points on each jaw.
     jaws: [u32; 2],
+    /// Pressure of each cell, N.
+    pressed_n: [f32; CELLS],
+    /// Organ, cell and tissue of each point.
+    pressed: Vec<(Entity, usize, TissuePoint)>,
 }
 
 type Tool<'a> = (Entity, &'a JawPads, &'a InstrumentPose, &'a Jaws, &'a mut Grip, &'a mut Grasp);
 type Tissue<'a> = (Entity, &'a TissueMesh, &'a TissueState, &'a mut Attachments);
 
-fn grasp(mut tools: Query<Tool>, mut organs: Query<Tissue>, settings: Res<GraspSettings>) {
+/// Pads that are gone hold nothing any more.
+fn lose_pads(gone: On<Remove, JawPads>, mut organs: Query<&mut Attachments>) {
+    for mut attachments in &mut organs {
+        if attachments.0.iter().any(|a| tool_point(a, gone.entity).is_some()) {
+            attachments.0.retain(|a| tool_point(a, gone.entity).is_none());
+        }
+    }
+}
+
+/// A piece that comes free takes its bruises along.
+fn inherit(freed: On<FragmentDetached>, mut organs: Query<&mut Bruises>) {
+    let Ok(donor) = organs.get(freed.donor) else { return };
+    if donor.by_node.is_empty() {
+        return;
+    }
+    let by_node = freed.donor_nodes.iter().map(|n| donor.by_node.get(n.index()).copied().unwrap_or(0.0)).collect();
+    if let Ok(mut own) = organs.get_mut(freed.entity) {
+        *own = Bruises { by_node };
+    }
+}
+
+/// Bruises go with the tissue that was cut in the last tick.
+fn follow_cuts(mut changes: MessageReader<TopologyChanged>, mut organs: Query<&mut Bruises>) {
+    for change in changes.read() {
+        if let Ok(mut bruises) = organs.get_mut(change.organ)
+            && !bruises.by_node.is_empty()
+        {
+            follow(&mut bruises, &change.delta);
+        }
+    }
+}
+
+fn grasp(
+    mut tools: Query<Tool>,
+    mut organs: Query<Tissue>,
+    mut marks: Query<(Option<&PinchLimit>, &mut Bruises)>,
+    settings: Res<GraspSettings>,
+    mut report: ResMut<GraspReport>,
+) {
     let mut tools: Vec<_> = tools.iter_mut().collect();
     tools.sort_by_key(|t| t.0);
     let mut organs: Vec<_> = organs.iter_mut().collect();
@@ -59,7 +109,7 @@ fn grasp(mut tools: Query<Tool>, mut organs: Query<Tissue>, settings: Res<GraspS
         }
         let compliance = CELLS as f32 / settings.stiffness_n_m;
         let mut tally = Tally::default();
-        for (_, mesh, state, attachments) in &mut organs {
+        for (organ, mesh, state, attachments) in &mut organs {
             if attachments.0.iter().all(|a| tool_point(a, instrument).is_none()) {
                 continue;
             }
@@ -71,7 +121,8 @@ fn grasp(mut tools: Query<Tool>, mut organs: Query<Tissue>, settings: Res<GraspS
                 let pad = Vec3::from(pose.before.transform_point(local));
                 let force = (pad - position(&a.point, &state.positions)) / compliance;
                 let force = pose.before.rotation.inverse() * force;
-                let Some(point) = tally.hold(local, force, pads, before_rad, &settings) else { return false };
+                let Some((point, cell)) = tally.hold(local, force, pads, before_rad, &settings) else { return false };
+                tally.pressed.push((*organ, cell, a.point.clone()));
                 a.anchor = Anchor::Tool { instrument, local: point.place(pads, now_rad) };
                 true
             });
@@ -92,6 +143,38 @@ fn grasp(mut tools: Query<Tool>, mut organs: Query<Tissue>, settings: Res<GraspS
             tally.grasp.least_angle_rad = full.max(settings.least_thickness * grip.touched_rad);
         }
         grasp.set_if_neq(tally.grasp);
+        if tally.grasp.points == 0 {
+            grip.bruising = [false; CELLS];
+        } else {
+            bruise(&tally, pads, &mut grip.bruising, &mut marks, &settings, &mut report);
+        }
+    }
+}
+
+/// Marks what is under cells that press too hard, and counts.
+fn bruise(
+    tally: &Tally,
+    pads: &JawPads,
+    bruising: &mut [bool; CELLS],
+    marks: &mut Query<(Option<&PinchLimit>, &mut Bruises)>,
+    settings: &GraspSettings,
+    report: &mut GraspReport,
+) {
+    let area_m2 = cell_area_m2(pads);
+    for (organ, cell, point) in &tally.pressed {
+        let pressure_pa = tally.pressed_n[*cell] / area_m2;
+        report.most_pa = report.most_pa.max(pressure_pa);
+        let Ok((limit, mut bruises)) = marks.get_mut(*organ) else { continue };
+        let bad = severity(pressure_pa, limit.map_or(settings.bruise_pa, |l| l.0));
+        if bad <= 0.0 {
+            continue;
+        }
+        report.bruising += u64::from(bruising.iter().all(|b| !b));
+        report.bruised_m2 += if bruising[*cell] { 0.0 } else { area_m2 };
+        bruising[*cell] = true;
+        if worsens(&bruises, point, bad) {
+            mark(&mut bruises, point, bad);
+        }
     }
 }
 
@@ -104,19 +187,20 @@ fn tool_point(attachment: &Attachment, of: Entity) -> Option<Vec3> {
 }
 
 impl Tally {
-    /// Where a point that is held at `local` (m) with a force on the tissue (N, both in the instrument's frame) is held from now on; `None` where it is lost.
-    fn hold(&mut self, local: Vec3, force_n: Vec3, pads: &JawPads, angle_rad: f32, settings: &GraspSettings) -> Option<PadPoint> {
+    /// Where a point that is held at `local` (m) with a force on the tissue (N, both in the instrument's frame) is held from now on, and in which cell; `None` where it is lost.
+    fn hold(&mut self, local: Vec3, force_n: Vec3, pads: &JawPads, angle_rad: f32, settings: &GraspSettings) -> Option<(PadPoint, usize)> {
         let was = PadPoint::at(local, angle_rad);
         let compliance = CELLS as f32 / settings.stiffness_n_m;
         let hold = friction::hold(force_n, was.jaw.inward(angle_rad), settings.friction, compliance)?;
         let point = PadPoint::at(local + hold.slide_m, angle_rad);
         let cell = point.cell(pads)?;
         self.cells[cell] = true;
+        self.pressed_n[cell] += hold.normal_n;
         self.jaws[usize::from(was.jaw == Jaw::Lower)] += 1;
         self.grasp.pinch_n += hold.normal_n;
         self.grasp.pull_n -= hold.force_n;
         self.grasp.sliding += u32::from(hold.slide_m != Vec3::ZERO);
-        Some(point)
+        Some((point, cell))
     }
 }
 

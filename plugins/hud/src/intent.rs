@@ -26,7 +26,7 @@ pub struct Intent {
 pub struct HudState {
     /// The panel. F2.
     pub panel: bool,
-    /// The list of keys. F1.
+    /// Help with hands and keys. F1.
     pub keys: bool,
 }
 
@@ -42,7 +42,7 @@ pub const KEYS: [(&str, &str); 6] = [
     (".", "one tick, then pause"),
     ("R", "start the scene over"),
     ("H", "demonstration or own hands"),
-    ("F1", "this list"),
+    ("F1", "this help"),
     ("F2", "show or hide the panel"),
 ];
 

@@ -2,9 +2,12 @@
 //! out.
 
 pub mod bleeding;
+pub mod devices;
 pub mod figures;
+pub mod help;
 pub mod intent;
 pub mod panel;
 pub mod plugin;
+pub mod tools;
 
 pub use plugin::HudPlugin;

@@ -1,17 +1,19 @@
-//! The panel and the list of keys.
+//! The panel.
 
+use crate::devices::show_devices;
 use crate::figures::{MeshFigures, milliseconds, stages};
+use crate::help::show_help;
 use crate::intent::{HudState, Intent};
+use crate::tools::{Tool, show_tools};
 use bevy::prelude::*;
 use bevy_egui::egui::{self, Align2, Color32, RichText, Ui};
 use bevy_egui::{EguiContexts, PrimaryEguiContext};
 use keyhole_whiteboard::{
-    Blade, CutMethod, CutPattern, CutSettings, CutStatus, DeviceReport, DeviceStatus, Grasp, Instrument, KeyMap, SimulationControl,
-    TickCost, ViewMode,
+    CutMethod, CutPattern, CutSettings, CutStatus, DeviceStatus, HandInput, KeyMap, SimulationControl, TickCost, ViewMode,
 };
 
-const ACTIVE: Color32 = Color32::from_rgb(255, 160, 60);
-const QUIET: Color32 = Color32::from_gray(150);
+pub(crate) const ACTIVE: Color32 = Color32::from_rgb(255, 160, 60);
+pub(crate) const QUIET: Color32 = Color32::from_gray(150);
 
 /// Length of a tick at 60 Hz, ms: what a tick may cost.
 const TICK_MS: f64 = 1000.0 / 60.0;
@@ -30,7 +32,8 @@ pub fn draw_hud(
     meshes: Res<MeshFigures>,
     keys: Res<KeyMap>,
     devices: Res<DeviceStatus>,
-    instruments: Query<(&Instrument, Option<&Blade>, Option<&Grasp>)>,
+    instruments: Query<Tool>,
+    input: Option<Res<HandInput>>,
 ) -> Result {
     if present.is_empty() {
         return Ok(());
@@ -45,41 +48,16 @@ pub fn draw_hud(
             show_meshes(ui, &meshes, &status);
             ui.separator();
             show_cost(ui, &cost);
-            let mut named = instruments.iter().peekable();
-            if named.peek().is_some() {
+            if !instruments.is_empty() {
                 ui.separator();
-                for (instrument, blade, grasp) in named {
-                    let does = match grasp.filter(|g| g.points > 0) {
-                        _ if blade.is_some_and(|b| b.active) => Some("blade active".to_owned()),
-                        Some(g) => Some(format!("pinches {:.1} N, pulls {:.1} N{}", g.pinch_n, g.pull_n.length(), slips(g))),
-                        None => None,
-                    };
-                    ui.label(match does {
-                        Some(does) => RichText::new(format!("{}: {does}", instrument.name)).color(ACTIVE),
-                        None => RichText::new(&instrument.name).color(QUIET),
-                    });
-                }
+                show_tools(ui, instruments.iter(), input.as_ref().map(|input| input.active));
             }
-            ui.label(RichText::new("F1 keys   F2 hide").color(QUIET).small());
+            ui.label(RichText::new("F1 hands and keys   F2 hide").color(QUIET).small());
         });
     }
-    // What a device needs is shown even when the panel is hidden: its instruments hold still until it is done.
-    let mut shown = devices.0.iter().filter(|d| state.panel || !d.advice.is_empty()).peekable();
-    if shown.peek().is_some() {
-        egui::Window::new("Devices").anchor(Align2::RIGHT_TOP, [-10.0, 10.0]).resizable(false).default_width(300.0).show(context, |ui| {
-            shown.for_each(|device| show_device(ui, device));
-        });
-    }
+    show_devices(context, &devices, state.panel);
     if state.keys {
-        egui::Window::new("Keys").anchor(Align2::CENTER_CENTER, [0.0, 0.0]).resizable(false).collapsible(false).show(context, |ui| {
-            egui::Grid::new("keys").num_columns(2).spacing([18.0, 4.0]).show(ui, |ui| {
-                for (key, what) in &keys.0 {
-                    ui.label(RichText::new(key).strong().monospace());
-                    ui.label(what);
-                    ui.end_row();
-                }
-            });
-        });
+        show_help(context, &keys);
     }
     if control.paused {
         egui::Area::new("paused".into()).anchor(Align2::CENTER_TOP, [0.0, 12.0]).show(context, |ui| {
@@ -87,21 +65,6 @@ pub fn draw_hud(
         });
     }
     Ok(())
-}
-
-/// A grasp is slipping when more than half of its points slide.
-fn slips(grasp: &Grasp) -> &'static str {
-    if 2 * grasp.sliding > grasp.points { ", slips" } else { "" }
-}
-
-fn show_device(ui: &mut Ui, device: &DeviceReport) {
-    let colour = if device.condition.moves() && device.advice.is_empty() { QUIET } else { ACTIVE };
-    let hands: Vec<String> = device.hands.iter().map(|hand| format!("{hand:?}").to_lowercase()).collect();
-    let hands = if hands.is_empty() { String::new() } else { format!(" ({})", hands.join(", ")) };
-    ui.label(RichText::new(format!("{}{hands}: {:?}", device.name, device.condition)).color(colour));
-    if !device.advice.is_empty() {
-        ui.label(&device.advice);
-    }
 }
 
 fn show_control(ui: &mut Ui, intent: &mut Intent, view: ViewMode, control: &SimulationControl) {

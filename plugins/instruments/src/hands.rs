@@ -11,6 +11,7 @@ pub const KEYS: &[(&str, &str)] = &[
     ("Left mouse button", "closes the jaws, scissors cut as they close; hook and scalpel cut while it is down"),
     ("Q / E", "roll the active instrument"),
     ("Tab", "the other hand; the one left behind holds still"),
+    ("X", "the active hand changes its instrument, if the scene has others for it"),
     ("C or right mouse button", "held: the mouse moves the endoscope, the wheel pushes it in and pulls it out"),
     ("Shift", "with C or the right mouse button: the wheel turns the angled scope about its shaft"),
 ];

@@ -7,6 +7,7 @@
 mod applier;
 pub mod device;
 pub mod error;
+pub mod exchange;
 pub mod force;
 pub mod hands;
 pub mod kinematics;

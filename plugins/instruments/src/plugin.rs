@@ -1,6 +1,7 @@
 //! Glue: gathers the trainee's input at frame rate, and each tick moves every instrument and the endoscope.
 
 use crate::device::{DeviceClutch, device_tick};
+use crate::exchange::{ExchangeSettings, Progress, begin, exchange_tick};
 use crate::force::Felt;
 use crate::hands::{HandSettings, KEYS, hand_tick, scope_tick};
 use crate::kinematics::{PortFrame, TrocarLimits, TrocarState};
@@ -16,8 +17,9 @@ use bevy_input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseBut
 use bevy_math::{Vec2, Vec3};
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, Contacts, CuttingLine, DeviceHands, Endoscope, Grasp, Hand, HandInput, Instrument, InstrumentPose, JawPads, Jaws, KeyMap, Moved,
-    PointerClaims, Port, SceneRequirements, ScriptClock, SenseSystems, SimulationControl, TickSystems, ToolContacts, ToolForce,
+    Blade, ClipApplier, Contacts, CuttingLine, DeviceHands, Endoscope, Exchange, Grasp, Hand, HandInput, Instrument, InstrumentKind,
+    InstrumentPose, JawPads, Jaws, KeyMap, Moved, PointerClaims, Port, SceneRequirements, ScriptClock, SenseSystems, SimulationControl,
+    TickSystems, ToolContacts, ToolForce, Tray,
 };
 
 /// Pixels of a touchpad's scroll that count as one notch of a wheel.
@@ -32,6 +34,7 @@ impl Plugin for InstrumentsPlugin {
         app.init_resource::<HandInput>()
             .init_resource::<HandSettings>()
             .init_resource::<ProxySettings>()
+            .init_resource::<ExchangeSettings>()
             .init_resource::<Script>()
             .init_resource::<ScriptClock>()
             .register_required_components::<TrocarState, TrocarLimits>()
@@ -45,7 +48,7 @@ impl Plugin for InstrumentsPlugin {
                 FixedUpdate,
                 (
                     (drop_input, disengage, advance_clock, perform_hands, perform_view).chain().run_if(performing),
-                    (move_device_hands, move_active_hand, move_endoscope).chain().run_if(not(performing)),
+                    (begin_exchange, move_device_hands, move_active_hand, exchange, move_endoscope).chain().run_if(not(performing)),
                     publish_instruments,
                     publish_endoscope,
                 )
@@ -77,6 +80,60 @@ fn equip(added: On<Add, Instrument>, instruments: Query<(&Instrument, Option<&Cu
     }
 }
 
+/// Starts the exchange that the active hand asks for.
+fn begin_exchange(
+    input: Res<HandInput>,
+    settings: Res<ExchangeSettings>,
+    instruments: Query<(Entity, &Hand, &Tray), (With<Instrument>, Without<Exchange>)>,
+    mut commands: Commands,
+) {
+    for (entity, _, tray) in instruments.iter().filter(|(_, hand, _)| input.exchange && **hand == input.active) {
+        if let Some(next) = tray.0.first() {
+            commands.entity(entity).insert(begin(*next, &settings));
+        }
+    }
+}
+
+type Exchanged<'a> =
+    (Entity, &'a mut Instrument, &'a mut Tray, &'a mut Exchange, &'a TrocarLimits, &'a mut TrocarState, &'a mut DeviceClutch);
+
+/// Goes on with what exchanges are under way.
+fn exchange(mut instruments: Query<Exchanged>, settings: Res<ExchangeSettings>, time: Res<Time<Fixed>>, mut commands: Commands) {
+    for (entity, mut instrument, mut tray, mut exchange, limits, mut state, mut clutch) in &mut instruments {
+        let (now, progress) = exchange_tick(*state, &mut exchange, &settings, limits, time.timestep().as_secs_f32());
+        *state = now;
+        match progress {
+            Progress::GoesOn => {}
+            Progress::Swap => {
+                if let Some(place) = tray.0.iter().position(|kind| *kind == exchange.to) {
+                    tray.0.remove(place);
+                }
+                tray.0.push(instrument.kind);
+                (instrument.kind, instrument.name) = (exchange.to, tools::name(exchange.to).into());
+                let mut entity = commands.entity(entity);
+                entity.remove::<(CuttingLine, JawStroke, Blade, JawPads, Grasp, ClipApplier)>();
+                let line = tools::cutting_line(instrument.kind);
+                entity.insert(tools::tool_model(instrument.kind, instrument.shaft_length_m, instrument.shaft_radius_m, line.as_ref()));
+                if let Some(line) = line {
+                    entity.insert(line);
+                }
+                if let Some(pads) = tools::jaw_pads(instrument.kind, instrument.shaft_radius_m) {
+                    entity.insert(pads);
+                }
+                if instrument.kind == InstrumentKind::ClipApplier {
+                    // One that comes in anew comes with a full cartridge.
+                    entity.insert(ClipApplier::default());
+                }
+            }
+            Progress::Done => {
+                // A handle is wherever it is: it goes on from here.
+                *clutch = DeviceClutch::default();
+                commands.entity(entity).remove::<Exchange>();
+            }
+        }
+    }
+}
+
 /// The devices may be missing: a headless run has none.
 fn gather_input(
     mut input: ResMut<HandInput>,
@@ -92,6 +149,7 @@ fn gather_input(
     if keys.as_ref().is_some_and(|keys| keys.just_pressed(KeyCode::Tab)) {
         input.switch_hand();
     }
+    input.exchange |= keys.as_ref().is_some_and(|keys| keys.just_pressed(KeyCode::KeyX));
     input.moved = match (key(KeyCode::KeyC) || button(MouseButton::Right), key(KeyCode::ShiftLeft) || key(KeyCode::ShiftRight)) {
         (false, _) => Moved::Hand,
         (true, false) => Moved::Endoscope,
@@ -160,7 +218,7 @@ fn disengage(mut clutches: Query<&mut DeviceClutch>) {
 
 fn move_device_hands(
     devices: Res<DeviceHands>,
-    mut instruments: Query<(&Hand, &TrocarLimits, &mut TrocarState, &mut DeviceClutch), With<Instrument>>,
+    mut instruments: Query<(&Hand, &TrocarLimits, &mut TrocarState, &mut DeviceClutch), (With<Instrument>, Without<Exchange>)>,
 ) {
     for (hand, limits, mut state, mut clutch) in &mut instruments {
         if let Some(input) = devices.get(*hand) {
@@ -175,7 +233,7 @@ fn move_active_hand(
     devices: Res<DeviceHands>,
     settings: Res<HandSettings>,
     time: Res<Time<Fixed>>,
-    mut instruments: Query<(&Instrument, &Hand, &TrocarLimits, &mut TrocarState)>,
+    mut instruments: Query<(&Instrument, &Hand, &TrocarLimits, &mut TrocarState), Without<Exchange>>,
 ) {
     let dt_s = time.timestep().as_secs_f32();
     for (instrument, hand, limits, mut state) in &mut instruments {

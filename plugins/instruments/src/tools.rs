@@ -11,6 +11,10 @@ use keyhole_whiteboard::{CutTrigger, CuttingLine, InstrumentKind, JawPads, Joint
 pub const GRASPER_JAW_M: f32 = 0.020;
 /// From the middle plane to each pad of a closed grasper, m: the depth of its teeth.
 pub const PAD_GAP_M: f32 = 0.0003;
+/// Length of a needle holder's jaws from their pivot, m.
+pub const NEEDLE_HOLDER_JAW_M: f32 = 0.014;
+/// From the middle plane to each pad of a closed needle holder, m: its inserts are flat and finely cut.
+pub const NEEDLE_HOLDER_GAP_M: f32 = 0.0002;
 /// Length of scissors' blades from their pivot, m.
 pub const SCISSORS_JAW_M: f32 = 0.018;
 /// Length of a hook's blade where the scene says nothing, m.
@@ -24,23 +28,36 @@ const STEEL: [f32; 3] = [0.62, 0.63, 0.65];
 const INSULATION: [f32; 3] = [0.02, 0.02, 0.022];
 const CERAMIC: [f32; 3] = [0.82, 0.80, 0.74];
 
-/// Largest angle of each jaw from the shaft's axis, rad: 30 degrees for graspers and 25 for scissors.
+/// What people call a kind of instrument.
+#[must_use]
+pub fn name(kind: InstrumentKind) -> &'static str {
+    match kind {
+        InstrumentKind::Grasper => "Grasper",
+        InstrumentKind::Scissors => "Scissors",
+        InstrumentKind::Hook => "Hook",
+        InstrumentKind::Scalpel => "Scalpel",
+        InstrumentKind::ClipApplier => "Clip applier",
+        InstrumentKind::NeedleHolder => "Needle holder",
+    }
+}
+
+/// Largest angle of each jaw from the shaft's axis, rad: 30 degrees for graspers, 25 for scissors and needle holders.
 #[must_use]
 pub fn widest_angle_rad(kind: InstrumentKind) -> f32 {
     match kind {
         InstrumentKind::Grasper => 30f32.to_radians(),
-        InstrumentKind::Scissors => 25f32.to_radians(),
+        InstrumentKind::Scissors | InstrumentKind::NeedleHolder => 25f32.to_radians(),
         InstrumentKind::Hook | InstrumentKind::Scalpel => 0.0,
         InstrumentKind::ClipApplier => crate::applier::WIDEST_RAD,
     }
 }
 
-/// What about a kind of instrument cuts where the scene says nothing; a grasper cuts nothing. Every blade is cold.
+/// What about a kind of instrument cuts where the scene says nothing; graspers and needle holders cut nothing. Every blade is cold.
 #[must_use]
 pub fn cutting_line(kind: InstrumentKind) -> Option<CuttingLine> {
     let edge = |length_m: f32, drop_m: f32| LineShape::Edge { tip: Vec3::new(0.0, 0.0, -length_m), heel: Vec3::new(0.0, -drop_m, 0.0) };
     let (line, trigger) = match kind {
-        InstrumentKind::Grasper | InstrumentKind::ClipApplier => return None,
+        InstrumentKind::Grasper | InstrumentKind::NeedleHolder | InstrumentKind::ClipApplier => return None,
         InstrumentKind::Scissors => (LineShape::JawLine { length_m: SCISSORS_JAW_M }, CutTrigger::Closing),
         InstrumentKind::Hook => (edge(HOOK_BLADE_M, 0.0), CutTrigger::Pedal),
         InstrumentKind::Scalpel => (edge(SCALPEL_BLADE_M, SCALPEL_DROP_M), CutTrigger::Pedal),
@@ -48,26 +65,32 @@ pub fn cutting_line(kind: InstrumentKind) -> Option<CuttingLine> {
     Some(CuttingLine { line, trigger, kerf_m: 0.0 })
 }
 
-/// The pads of a kind of instrument with a shaft of this radius (m): those of a grasper, as its model has them.
+/// The pads of a kind of instrument with a shaft of this radius (m): those of graspers and needle holders, as their models have them.
 #[must_use]
 pub fn jaw_pads(kind: InstrumentKind, shaft_radius_m: f32) -> Option<JawPads> {
-    (kind == InstrumentKind::Grasper).then_some(JawPads {
-        from_m: 0.15 * GRASPER_JAW_M,
-        to_m: 0.95 * GRASPER_JAW_M,
-        half_width_m: 0.74 * shaft_radius_m,
-        closed_gap_m: PAD_GAP_M,
-    })
+    let pads = |length_m: f32, half_width: f32, closed_gap_m: f32| JawPads {
+        from_m: 0.15 * length_m,
+        to_m: 0.95 * length_m,
+        half_width_m: half_width * shaft_radius_m,
+        closed_gap_m,
+    };
+    match kind {
+        InstrumentKind::Grasper => Some(pads(GRASPER_JAW_M, 0.74, PAD_GAP_M)),
+        InstrumentKind::NeedleHolder => Some(pads(NEEDLE_HOLDER_JAW_M, 0.60, NEEDLE_HOLDER_GAP_M)),
+        _ => None,
+    }
 }
 
 /// How far ahead of the frame's origin the point lies that a hand steers, m: the blade's tip, the end of the jaws' pads, or the middle of a clip between them.
 #[must_use]
 pub fn working_reach(kind: InstrumentKind, line: Option<&CuttingLine>) -> f32 {
-    let without_line = match kind {
+    let without_line = || match kind {
         InstrumentKind::Grasper => 0.8 * GRASPER_JAW_M,
+        InstrumentKind::NeedleHolder => 0.8 * NEEDLE_HOLDER_JAW_M,
         InstrumentKind::ClipApplier => crate::applier::MIDDLE_M,
         InstrumentKind::Scissors | InstrumentKind::Hook | InstrumentKind::Scalpel => 0.0,
     };
-    line.map_or(without_line, |l| l.line.reach_m())
+    line.map_or_else(without_line, |l| l.line.reach_m())
 }
 
 /// What an instrument looks like.
@@ -82,6 +105,7 @@ pub fn tool_model(kind: InstrumentKind, shaft_length_m: f32, shaft_radius_m: f32
         InstrumentKind::Hook => parts.extend(hook(length(HOOK_BLADE_M), r)),
         InstrumentKind::Scalpel => parts.extend(scalpel(length(SCALPEL_BLADE_M), r)),
         InstrumentKind::ClipApplier => parts.extend(crate::applier::jaws(r)),
+        InstrumentKind::NeedleHolder => parts.extend(needle_holder(NEEDLE_HOLDER_JAW_M, r)),
     }
     ToolModel { parts }
 }
@@ -160,6 +184,35 @@ fn jaws(length: f32, r: f32, shape: JawShape) -> Vec<ToolPart> {
     parts
 }
 
+/// Two short jaws, broad and high at their root, straight and blunt at their end, with inserts of carbide, finely cut, in gilt: the colour by which theatres tell a needle
+/// holder from a grasper.
+fn needle_holder(length: f32, r: f32) -> Vec<ToolPart> {
+    const GILT: [f32; 3] = [0.72, 0.53, 0.20];
+    const CARBIDE: [f32; 3] = [0.30, 0.31, 0.33];
+    let mut parts = Vec::new();
+    for (name, insert, side, factor) in [("jaw_upper", "insert_upper", 1.0f32, 1.0), ("jaw_lower", "insert_lower", -1.0, -1.0)] {
+        // From the insert's back to the jaw's.
+        let ring = |along: f32, half_x: f32, half_y: f32| Ring {
+            z: -along * length,
+            half_x: half_x * r,
+            half_y: half_y * r,
+            offset: Vec3::new(0.0, side * (half_y + 0.08) * r, 0.0),
+        };
+        let jaw = [ring(-0.22, 0.78, 0.42), ring(0.0, 0.86, 0.44), ring(0.3, 0.72, 0.36), ring(0.92, 0.60, 0.22), ring(1.0, 0.46, 0.12)];
+        let joint = Joint::Hinge { pivot: Vec3::ZERO, axis: Vec3::X, factor };
+        parts.push(ToolPart { name, mesh: Profile::Slab.loft(&jaw), joint, colour: GILT, metallic: 1.0 });
+        let plate = |along: f32, half_x: f32| Ring {
+            z: -along * length,
+            half_x: half_x * r,
+            half_y: 0.06 * r,
+            offset: Vec3::new(0.0, side * 0.09 * r, 0.0),
+        };
+        let inserts = Profile::Slab.loft(&[plate(0.15, 0.60), plate(0.95, 0.52)]);
+        parts.push(ToolPart { name: insert, mesh: inserts, joint, colour: CARBIDE, metallic: 1.0 });
+    }
+    parts
+}
+
 /// A ceramic sleeve, a flat dissecting blade along the shaft's axis, and the hook at its end.
 fn hook(length: f32, r: f32) -> Vec<ToolPart> {
     let ring = |z: f32, half_x: f32, half_y: f32, y: f32| Ring { z, half_x, half_y, offset: Vec3::new(0.0, y, 0.0) };
@@ -221,8 +274,14 @@ mod tests {
     use crate::model::tests::{assert_closed, assert_normals_point_out, signed_volume};
     use bevy_math::FloatExt;
 
-    const KINDS: [InstrumentKind; 5] =
-        [InstrumentKind::Grasper, InstrumentKind::Scissors, InstrumentKind::Hook, InstrumentKind::Scalpel, InstrumentKind::ClipApplier];
+    const KINDS: [InstrumentKind; 6] = [
+        InstrumentKind::Grasper,
+        InstrumentKind::Scissors,
+        InstrumentKind::Hook,
+        InstrumentKind::Scalpel,
+        InstrumentKind::ClipApplier,
+        InstrumentKind::NeedleHolder,
+    ];
 
     #[test]
     fn every_part_is_a_closed_surface_with_outward_normals() {

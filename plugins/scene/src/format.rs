@@ -1,5 +1,6 @@
 //! The scene format: what each field means, with unit and default. Unknown fields are refused.
 
+pub use crate::suture::SceneSuture;
 use serde::{Deserialize, Serialize};
 
 /// The version of the format that this program reads and writes.
@@ -33,6 +34,9 @@ pub struct Scene {
     /// Instruments, at most one a hand. Default none.
     #[serde(default)]
     pub instruments: Vec<SceneInstrument>,
+    /// Needles with their threads. Default none.
+    #[serde(default)]
+    pub sutures: Vec<SceneSuture>,
     /// The endoscope. Default none: then there is only the global view.
     #[serde(default)]
     pub endoscope: Option<SceneEndoscope>,
@@ -79,6 +83,12 @@ pub struct SceneOrgan {
     /// A vessel in it, which bleeds where it is cut and not clipped. Default none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vessel: Option<crate::vessel::SceneVessel>,
+    /// Force at which a stitch tears out, per length of tissue between it and the surface in the direction of the pull, N/m; above 0. Default 300: soft parenchyma.
+    #[serde(default)]
+    pub tear_n_m: Option<f32>,
+    /// Pressure of a grasper's pad beyond which the tissue is bruised, Pa; above 0. Default 250 000: bowel.
+    #[serde(default)]
+    pub bruise_pa: Option<f32>,
 }
 
 /// A simple shape of tetrahedra, its middle at the origin. Its material is 0.
@@ -259,6 +269,8 @@ pub enum SceneInstrumentKind {
     Scalpel,
     /// Sets a clip on what is between its jaws when they have closed.
     ClipApplier,
+    /// Two short strong jaws for a needle and its thread.
+    NeedleHolder,
 }
 
 /// When a blade cuts.
@@ -301,6 +313,9 @@ pub struct SceneInstrument {
     /// Initial distance from the port to the end of the shaft, m. Default 0.08.
     #[serde(default = "default_insertion")]
     pub insertion_m: f32,
+    /// What the hand may exchange it for through its trocar, in turn; it goes to the end of the row itself. Default none.
+    #[serde(default)]
+    pub exchange: Vec<SceneInstrumentKind>,
     /// What about it cuts. Default as the kind has it; a grasper has none.
     #[serde(default)]
     pub blade: Option<SceneBlade>,

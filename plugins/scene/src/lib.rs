@@ -17,6 +17,7 @@ pub mod section;
 pub mod solid;
 pub mod starter;
 pub mod surface;
+pub mod suture;
 pub mod vessel;
 
 pub use check::{Problem, check};

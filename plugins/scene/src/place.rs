@@ -136,19 +136,20 @@ impl SceneInstrumentKind {
             Self::Hook => InstrumentKind::Hook,
             Self::Scalpel => InstrumentKind::Scalpel,
             Self::ClipApplier => InstrumentKind::ClipApplier,
+            Self::NeedleHolder => InstrumentKind::NeedleHolder,
         }
     }
 
     /// Whether it has a blade.
     #[must_use]
     pub fn cuts(self) -> bool {
-        !matches!(self, Self::Grasper | Self::ClipApplier)
+        !matches!(self, Self::Grasper | Self::NeedleHolder | Self::ClipApplier)
     }
 
     /// Whether it has jaws that close.
     #[must_use]
     pub fn closes(self) -> bool {
-        matches!(self, Self::Grasper | Self::Scissors | Self::ClipApplier)
+        matches!(self, Self::Grasper | Self::Scissors | Self::NeedleHolder | Self::ClipApplier)
     }
 }
 
@@ -205,7 +206,7 @@ impl Scene {
 
     /// Whether there are clips to be set.
     fn clips(&self) -> bool {
-        self.instruments.iter().any(|i| i.kind == SceneInstrumentKind::ClipApplier)
+        self.instruments.iter().any(|i| std::iter::once(&i.kind).chain(&i.exchange).any(|k| *k == SceneInstrumentKind::ClipApplier))
     }
 
     /// What the scene requires: nothing else runs.
@@ -214,7 +215,7 @@ impl Scene {
         let tissue = !self.organs.is_empty();
         SceneRequirements {
             tissue,
-            cutting: tissue && self.instruments.iter().any(|i| i.kind.cuts()),
+            cutting: tissue && self.instruments.iter().any(|i| i.kind.cuts() || i.exchange.iter().any(|kind| kind.cuts())),
             instruments: !self.instruments.is_empty() || self.endoscope.is_some(),
             collision: self.collision.on
                 && tissue
@@ -226,6 +227,7 @@ impl Scene {
             clipping: self.clips() || self.organs.iter().any(|o| o.vessel.is_some()),
             // Clips that close on nothing drop.
             rigid: self.clips(),
+            suturing: !self.sutures.is_empty(),
             ..SceneRequirements::default()
         }
     }
@@ -286,6 +288,8 @@ mod tests {
             shape: None,
             friction: None,
             vessel: None,
+            tear_n_m: None,
+            bruise_pa: None,
             materials: Vec::new(),
             transform: Placement { translation: [0.0, 0.0, 1.0], ..Default::default() },
             attachments: vec![

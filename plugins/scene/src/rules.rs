@@ -31,6 +31,9 @@ pub(crate) fn problems(scene: &Scene, folder: &Path) -> Found {
         rules.direction(&format!("ports[{i}].inward"), port.inward);
     }
     rules.instruments(scene);
+    for (i, suture) in scene.sutures.iter().enumerate() {
+        rules.suture(&format!("sutures[{i}]"), suture, scene);
+    }
     if let Some(demonstration) = &scene.demonstration {
         rules.demonstration(scene, demonstration);
     }
@@ -165,6 +168,12 @@ impl Rules {
         self.friction(path, organ.friction);
         if let Some(vessel) = &organ.vessel {
             self.below(&format!("{path}.vessel"), vessel.problems());
+        }
+        if let Some(value) = organ.tear_n_m {
+            self.positive(&format!("{path}.tear_n_m"), value, " N/m; soft parenchyma has about 300");
+        }
+        if let Some(value) = organ.bruise_pa {
+            self.positive(&format!("{path}.bruise_pa"), value, " Pa; bowel has about 250000");
         }
         match (&organ.mesh, &organ.shape) {
             (Some(mesh), None) => {
@@ -344,8 +353,7 @@ impl Rules {
         let old = format!("{path}.blade_length_m");
         for (given, path) in [(tool.blade.is_some(), format!("{path}.blade")), (tool.blade_length_m.is_some(), old.clone())] {
             if given && !tool.kind.cuts() {
-                let kind = if tool.kind == SceneInstrumentKind::Grasper { "grasper" } else { "clip applier" };
-                self.say(&path, format!("a {kind} has no blade: remove this field"));
+                self.say(&path, format!("a {} has no blade: remove this field", tool.kind.spoken()));
             }
         }
         if !tool.kind.cuts() {
@@ -363,9 +371,30 @@ impl Rules {
         }
         self.range(&format!("{path}.blade.kerf_mm"), blade.kerf_mm, 0.0, 3.0, " mm; 0 is a cold blade");
         if blade.trigger == Some(SceneTrigger::Closing) && !tool.kind.closes() {
-            let message =
-                format!("a {} has no jaws that could close: write Pedal or remove this field", format!("{:?}", tool.kind).to_lowercase());
+            let message = format!("a {} has no jaws that could close: write Pedal or remove this field", tool.kind.spoken());
             self.say(&format!("{path}.blade.trigger"), message);
+        }
+    }
+
+    fn suture(&mut self, path: &str, suture: &SceneSuture, scene: &Scene) {
+        self.placement(&format!("{path}.transform"), &suture.transform);
+        self.range(&format!("{path}.needle_mm"), suture.needle_mm, 3.0, 100.0, " mm along the wire; 26 is usual");
+        self.range(&format!("{path}.arc_deg"), suture.arc_deg, 60.0, 300.0, " degrees; a half circle has 180");
+        self.range(&format!("{path}.wire_mm"), suture.wire_mm, 0.05, 2.0, " mm across; a needle of 26 mm has about 0.66");
+        self.range(&format!("{path}.thread_mm"), suture.thread_mm, 0.01, 1.0, " mm across; gauge 2-0 has 0.3");
+        // Shorter than that it is no chain: its points lie a few millimetres apart.
+        self.range(&format!("{path}.thread_m"), suture.thread_m, 0.02, 1.5, " m");
+        self.direction(&format!("{path}.towards"), suture.towards);
+        let Some(hand) = suture.held_by else { return };
+        match scene.instruments.iter().find(|t| t.hand == hand) {
+            None => self.say(&format!("{path}.held_by"), format!("the hand {hand:?} holds no instrument: give it one in `instruments`")),
+            Some(tool) if !tool.kind.holds() => {
+                self.say(&format!("{path}.held_by"), format!("a {} holds no needle: use a NeedleHolder or a Grasper", tool.kind.spoken()));
+            }
+            Some(_) if scene.sutures.iter().take_while(|s| !std::ptr::eq(*s, suture)).any(|s| s.held_by == Some(hand)) => {
+                self.say(&format!("{path}.held_by"), format!("the hand {hand:?} has a needle already: one is enough"));
+            }
+            Some(_) => {}
         }
     }
 

@@ -9,7 +9,7 @@ use bevy_ecs::prelude::*;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
     Anchor, Attachment, Attachments, Bites, GestureSystems, Gravity, InstrumentPose, JawPads, Jaws, Knots, Needle, SceneRequirements,
-    TearResistance, Thread, TissueMesh, TissueState,
+    SutureReport, TearResistance, Thread, TissueMesh, TissueState,
 };
 
 /// Needle and thread, in [`GestureSystems::Suture`].
@@ -18,6 +18,7 @@ pub struct SuturingPlugin;
 impl Plugin for SuturingPlugin {
     fn build(&self, app: &mut App) {
         app.init_resource::<SutureSettings>()
+            .init_resource::<SutureReport>()
             .register_required_components::<Needle, Strung>()
             .register_required_components::<JawPads, Watch>()
             .add_systems(FixedUpdate, suture.in_set(GestureSystems::Suture).run_if(SceneRequirements::suturing));
@@ -47,6 +48,7 @@ fn suture(
     settings: Res<SutureSettings>,
     gravity: Res<Gravity>,
     time: Res<Time<Fixed>>,
+    mut report: ResMut<SutureReport>,
 ) {
     let dt_s = time.timestep().as_secs_f64();
     let mut jaws: Vec<Jaw> = Vec::new();
@@ -72,7 +74,18 @@ fn suture(
         .collect();
     for (_, needle, thread, bites, knots, works) in &mut needles {
         let works = &mut works.0;
+        let (refused, torn) = (works.chain.refused, bites.torn.len());
         Suture { needle, thread, bites, knots, works }.tick(&tissues, &jaws, &settings, gravity.0, dt_s);
+        if works.chain.refused > refused {
+            if report.refused == 0 {
+                tracing::warn!(
+                    "a thread stood still for {} substeps: what it is pulled by is farther away than it is long",
+                    works.chain.refused - refused
+                );
+            }
+            report.refused += works.chain.refused - refused;
+        }
+        report.torn += (bites.torn.len() - torn) as u64;
     }
     drop(tissues);
     // They are made anew in each tick: those of this one end before the next is over.

@@ -1,7 +1,7 @@
 //! One tick of one suture.
 
 use crate::chain::{Chain, Eye, EyeHold, Held, ThreadLaw};
-use crate::drive::{OnNeedle, is_open, on_needle, pierce};
+use crate::drive::{OnNeedle, is_open, nearest_angle, on_needle, pierce};
 use crate::grips::{Jaw, let_go};
 use crate::settings::SutureSettings;
 use crate::tissue::Tissue;
@@ -11,6 +11,9 @@ use keyhole_whiteboard::{Bite, Bites, HoleKind, Knots, Needle, Thread, ThreadGri
 
 /// Part of the way between its two strands that is left of a throw being pulled tight, from tick to tick.
 const CLOSING: f64 = 0.95;
+
+/// Part of a needle's radius that is the least tissue before a needle whose tip is inside: one that has just come in is not lost at once.
+const SHALLOW: f32 = 0.25;
 
 /// What a suture keeps from tick to tick besides what is on the whiteboard.
 #[derive(Clone, Debug, Default)]
@@ -83,6 +86,7 @@ impl Suture<'_> {
     /// Finds the holes again after the tissue has changed, reads what they bear, and tears.
     fn feel(&mut self, organs: &[Tissue], settings: &SutureSettings) {
         let Bites { held, torn } = &mut *self.bites;
+        let (needle, near) = (&*self.needle, &mut self.works.near);
         held.retain_mut(|bite| {
             let Some(organ) = refind(bite, organs) else { return false };
             let mut load = DVec3::ZERO;
@@ -92,19 +96,16 @@ impl Suture<'_> {
                 load += force;
             }
             bite.load_n = load.length() as f32;
-            if is_open(bite) {
+            let Some((place, depth, load_n)) =
+                (if is_open(bite) { stuck(needle, bite, organ, load, near) } else { borne(bite, organ, load) })
+            else {
                 return true;
-            }
-            // The middle of the way bears the load; without it any hole does.
-            let middle = bite.holes.iter().find(|h| h.kind == HoleKind::Channel).or(bite.holes.first());
-            let depth = middle.zip(load.try_normalize()).and_then(|(h, way)| organ.depth(&h.point, way));
-            let Some((depth, middle)) = depth.zip(middle) else { return true };
+            };
             bite.strength_n = organ.tear_n_m * depth as f32;
-            if bite.load_n <= bite.strength_n {
+            let (place, load_n, strength_n) = (place.as_vec3(), load_n as f32, bite.strength_n);
+            if load_n <= strength_n {
                 return true;
             }
-            let place = organ.place(&middle.point).as_vec3();
-            let (load_n, strength_n) = (bite.load_n, bite.strength_n);
             torn.push(TornBite { organ: organ.organ, place, load_n, strength_n, depth_m: depth as f32 });
             false
         });
@@ -272,6 +273,28 @@ impl Suture<'_> {
             most = eye.at_m - chain.clearance_m();
         }
     }
+}
+
+/// Where a bite bears a load (N), m, how much tissue there is before it, m, and how much of the load that is, N: the middle of its way, without that any hole.
+fn borne(bite: &Bite, organ: &Tissue, load: DVec3) -> Option<(DVec3, f64, f64)> {
+    let middle = bite.holes.iter().find(|h| h.kind == HoleKind::Channel).or(bite.holes.first())?;
+    Some((organ.place(&middle.point), organ.depth(&middle.point, load.try_normalize()?)?, load.length()))
+}
+
+/// The same of a needle whose tip is still inside: in the middle of what is inside of its wire. A needle that was carried out of the tissue sideways has none before it.
+fn stuck(needle: &Needle, bite: &Bite, organ: &Tissue, load: DVec3, near: &mut Vec<TetId>) -> Option<(DVec3, f64, f64)> {
+    let entry = bite.holes.first()?;
+    let surface = organ.place(&entry.point);
+    let middle = 0.5 * (nearest_angle(needle, &needle.pose, surface) as f32 + needle.arc_rad);
+    let along = needle.forward(&needle.pose, middle).as_dvec3();
+    // Along itself it slides.
+    let across = load.reject_from_normalized(along);
+    let way = across.try_normalize()?;
+    let inside = needle.point(&needle.pose, middle).as_dvec3();
+    let size = DVec3::splat(f64::from(needle.wire_radius_m));
+    organ.near(inside - size, inside + size, near);
+    let depth = organ.at(inside, near).map_or(Some(0.0), |point| organ.depth(&point, way))?;
+    Some((inside, depth.max(f64::from(SHALLOW * needle.radius_m)), across.length()))
 }
 
 /// The organ that a bite is in now, its holes found again where a cut went between their nodes; `None` where the tissue is gone.

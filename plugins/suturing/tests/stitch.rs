@@ -352,3 +352,26 @@ fn a_single_throw_slips_and_a_double_one_holds() {
     assert!((loop_m(&course[239].1) - loop_m(&knot)).abs() < 1e-4 && double.get::<Knots>().undone == 0);
     assert!(double.get::<Bites>().torn.is_empty());
 }
+
+/// A needle whose tip was inside once dragged tissue along for as far as it was carried, 1 N a millimetre: nothing but whole bites tore out.
+#[test]
+fn a_needle_that_is_carried_off_sideways_tears_out() {
+    let mesh = block(Vec3::new(-0.02, -0.02, -0.01), Vec3::new(0.02, 0.0, 0.01), [8, 4, 4]);
+    let mut theatre = Theatre::new(vec![(mesh, f32::INFINITY)], over(Vec3::new(0.001, 0.003, 0.0005)), Vec3::X);
+    let needle: Needle = theatre.get();
+    theatre.take(0, needle.point(&needle.pose, 0.1));
+    theatre.turn(0, 0.35 * PI, 30);
+    let bites: Bites = theatre.get();
+    assert!(bites.held.len() == 1 && bites.held[0].holes.len() == 1 && bites.torn.is_empty(), "the tip is inside: {bites:?}");
+    let mut most = 0.0f32;
+    for _ in 0..20 {
+        let at = Vec3::from(theatre.app.world().get::<InstrumentPose>(theatre.tools[0]).unwrap().now.translation);
+        theatre.carry(0, at - Vec3::new(0.0, 0.0, 0.011) + 0.002 * Vec3::Z, 4);
+        most = theatre.get::<Bites>().held.iter().map(|b| b.load_n).fold(most, f32::max);
+    }
+    let bites: Bites = theatre.get();
+    println!("bears {most} N: {:?}", bites.torn);
+    assert_eq!((bites.held.len(), bites.torn.len()), (0, 1), "{bites:?}");
+    // A centimetre of tissue is beside it.
+    assert!((0.3..300.0 * 0.015).contains(&most), "{most} N");
+}

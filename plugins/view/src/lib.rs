@@ -7,6 +7,7 @@
 pub mod adapter;
 pub mod anatomy;
 pub mod blood;
+pub mod bruises;
 pub mod buffers;
 pub mod clips;
 pub mod depth;
@@ -25,6 +26,7 @@ pub mod smoothing;
 #[cfg(test)]
 mod testing;
 pub mod theatre;
+pub mod thread;
 pub mod tools;
 
 pub use adapter::{AdapterError, adapter_available, display_available};

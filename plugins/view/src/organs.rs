@@ -1,5 +1,6 @@
 //! The organs as they are drawn: each follows its organ's topology and positions and owns two meshes, skin and opened inside.
 
+use crate::bruises::tint;
 use crate::buffers::{empty_mesh, node_normals, write_shape, write_topology};
 use crate::depth::Depths;
 use crate::fairing::{Fairing, FairingSettings};
@@ -10,7 +11,7 @@ use crate::sheet::{Side, Surface};
 use crate::smoothing::Smoothing;
 use bevy::camera::visibility::{NoAutoAabb, NoFrustumCulling};
 use bevy::prelude::*;
-use keyhole_whiteboard::{FragmentDetached, Organ, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
+use keyhole_whiteboard::{Bruises, FragmentDetached, Organ, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
 use rustc_hash::FxHashMap;
 use std::sync::Arc;
 
@@ -133,10 +134,12 @@ pub fn draw_organs(
     smoothing: Smoothing,
     fairing: Res<FairingSettings>,
     organs: Query<(&TissueMesh, &OrganMaterials)>,
+    bruises: Query<Ref<Bruises>>,
 ) {
     let OrganViews { views, normals, blend, faired, .. } = &mut *views;
     for view in views {
-        view.stale_topology |= fairing.is_changed();
+        let bruises = bruises.get(view.organ).ok();
+        view.stale_topology |= fairing.is_changed() || bruises.as_ref().is_some_and(|b| b.is_changed() && !b.by_node.is_empty());
         if !view.stale_shape && !view.stale_topology {
             continue;
         }
@@ -182,6 +185,7 @@ pub fn draw_organs(
                     depths = Depths::of(&view.fairing, |node| mesh.0.rest(node));
                 }
                 write_topology(&mut drawn, sheet, side, &mesh.0, materials, &depths);
+                bruises.as_deref().into_iter().for_each(|bruises| tint(&mut drawn, sheet, bruises));
                 commands.entity(*entity).insert(Visibility::Inherited);
             }
             if side == Side::Skin || !fairing.enabled {

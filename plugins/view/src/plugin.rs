@@ -13,6 +13,7 @@ use crate::organs::{OrganViews, adopt_organs, draw_organs, follow_topology, inhe
 use crate::pictures::{build_darkroom, develop};
 use crate::smoothing::MotionSettings;
 use crate::theatre::{furnish, light_scope, surround};
+use crate::thread::{draw_sutures, move_sutures};
 use crate::tools::{draw_fittings, draw_tools, drop_orphans, move_fittings, move_tools};
 use bevy::app::RunFixedMainLoopSystems;
 use bevy::asset::embedded_asset;
@@ -78,6 +79,7 @@ impl Plugin for ViewPlugin {
                     (switch_view, develop, follow_mode, smooth_edges).chain(),
                 ),
             )
+            .add_systems(Update, (draw_sutures.after(drop_orphans), move_sutures).chain())
             .add_systems(
                 PostUpdate,
                 ((follow_framing, surround), orbit, aim_eyes, light_scope, move_tools, move_fittings)

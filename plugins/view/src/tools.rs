@@ -91,8 +91,11 @@ pub fn draw_fittings(
     blades: Query<Entity, Added<Blade>>,
     ports: Query<(Entity, &Port), Added<Port>>,
     scopes: Query<Entity, Added<Endoscope>>,
+    glows: Query<(Entity, &Draws), With<BladeGlow>>,
 ) {
     for blade in &blades {
+        // An instrument that was exchanged may have had another one.
+        glows.iter().filter(|(_, of)| of.0 == blade).for_each(|(glow, _)| commands.entity(glow).despawn());
         commands.spawn((
             Draws(blade),
             BladeGlow,

@@ -32,3 +32,25 @@ pub struct Grasp {
     /// The tissue between the jaws lets them close no further than to this angle from the shaft's axis, rad; zero when nothing is between them.
     pub least_angle_rad: f32,
 }
+
+/// Pressure of a pad (Pa) beyond which it bruises an organ; an organ without it is as the settings of grasping say. Written by the scene.
+#[derive(Component, Clone, Copy, Debug, PartialEq)]
+pub struct PinchLimit(pub f32);
+
+/// How badly an organ has been bruised by pads that pressed too hard. On every organ. Written by grasping.
+#[derive(Component, Clone, Debug, Default, PartialEq)]
+pub struct Bruises {
+    /// By node slot, from 0, sound, to 1, at twice the pressure that the organ bears; nodes beyond the end are sound.
+    pub by_node: Vec<f32>,
+}
+
+/// What grasping has to report since the scene started. Written by grasping.
+#[derive(Resource, Clone, Copy, Debug, Default, PartialEq)]
+pub struct GraspReport {
+    /// Grasps that bruised something: each counts once, however long it lasts.
+    pub bruising: u64,
+    /// Area of the pads under which tissue was bruised, m2: each part of a pad counts once a grasp.
+    pub bruised_m2: f32,
+    /// Greatest pressure of a part of a pad, Pa.
+    pub most_pa: f32,
+}

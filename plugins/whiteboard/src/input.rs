@@ -42,6 +42,8 @@ pub struct HandInput {
     pub roll: f32,
     /// Whether the active hand is squeezed.
     pub squeezed: bool,
+    /// Whether the active hand is to change its instrument.
+    pub exchange: bool,
 }
 
 impl Default for HandInput {
@@ -56,6 +58,7 @@ impl Default for HandInput {
             scope_roll_notches: 0.0,
             roll: 0.0,
             squeezed: false,
+            exchange: false,
         }
     }
 }

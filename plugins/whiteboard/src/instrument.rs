@@ -37,6 +37,8 @@ pub enum InstrumentKind {
     Scalpel,
     /// Two jaws with a clip between them, which they close.
     ClipApplier,
+    /// Two short strong jaws that hold a needle and its thread.
+    NeedleHolder,
 }
 
 /// An instrument. Written by the scene.

@@ -9,6 +9,7 @@ pub mod contact;
 pub mod control;
 pub mod cutting;
 pub mod device;
+pub mod exchange;
 pub mod gesture;
 pub mod grasp;
 pub mod input;
@@ -25,8 +26,9 @@ pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction, T
 pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
 pub use device::{AxisInput, DeviceCondition, DeviceHand, DeviceHands, DeviceReport, DeviceStatus, ToolForce};
+pub use exchange::{Exchange, ExchangeStage, Tray};
 pub use gesture::GestureSystems;
-pub use grasp::{Grasp, JawPads};
+pub use grasp::{Bruises, Grasp, GraspReport, JawPads, PinchLimit};
 pub use input::{HandInput, Moved, ScriptClock};
 pub use instrument::{
     Blade, CutTrigger, CuttingLine, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, LineShape, PartMesh, Port,
@@ -35,5 +37,7 @@ pub use instrument::{
 pub use organ::{Anatomy, FragmentDetached, FreedFrom, Organ, OrganMaterial, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
 pub use rigid::{HeldBy, RigidBody, RigidFragments, RigidMass, RigidPose, RigidQuarantined, RigidReport, RigidShape, Rigidified};
 pub use scene::{Gravity, SceneRequirements};
-pub use suture::{Bite, Bites, Hole, HoleKind, Knot, Knots, Needle, NeedleGrip, TearResistance, Thread, ThreadGrip, TornBite};
+pub use suture::{
+    Bite, Bites, Hole, HoleKind, Knot, Knots, Needle, NeedleGrip, SutureReport, TearResistance, Thread, ThreadGrip, TornBite,
+};
 pub use tick::{SenseSystems, TickCost, TickSystems, WhiteboardPlugin};

@@ -195,3 +195,12 @@ pub struct Knots {
     /// Knots that came undone.
     pub undone: u32,
 }
+
+/// What suturing has to report since the scene started. Written by suturing.
+#[derive(Resource, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SutureReport {
+    /// Substeps of threads that were not taken, because their result was not finite or farther away than the thread is long: the thread stood still.
+    pub refused: u64,
+    /// Bites that tore out.
+    pub torn: u64,
+}

@@ -19,6 +19,8 @@ pub enum MetricId {
     TissueForceMean,
     TissueForceMax,
     Overload,
+    Bruised,
+    StitchesTorn,
     ToolCollisions,
     Horizon,
     Centring,
@@ -88,7 +90,7 @@ const OURS: &str = "Own definition";
 
 impl MetricId {
     /// All, in the order in which they are shown.
-    pub const ALL: [Self; 27] = [
+    pub const ALL: [Self; 29] = [
         Self::Time,
         Self::PathLength,
         Self::Depth,
@@ -101,6 +103,8 @@ impl MetricId {
         Self::TissueForceMean,
         Self::TissueForceMax,
         Self::Overload,
+        Self::Bruised,
+        Self::StitchesTorn,
         Self::ToolCollisions,
         Self::Horizon,
         Self::Centring,
@@ -209,6 +213,15 @@ impl MetricId {
                 "Grip beyond the limit that does harm, summed over time: damage grows with the stress of a grasp and with its duration. The limit is a setting, 5 N unless told.",
                 "After De et al. 2007, International Journal of Robotics Research 26:1159; measure and limit are ours",
             ),
+            Self::Bruised => of(
+                "Tissue bruised",
+                "mm2",
+                Session,
+                Less,
+                "Area under the pads of graspers that pressed harder than the tissue bears; each part of a pad counts once a grasp. Where the scene says nothing tissue bears 250 kPa.",
+                "Damage by pinching: Heijnsdijk et al. 2004, PMID 15108111; the measure is ours",
+            ),
+            Self::StitchesTorn => of("Stitches torn out", "", Session, Less, "Bites of a needle that the thread has torn out.", OURS),
             Self::ToolCollisions => of(
                 "Tool collisions",
                 "",

@@ -6,7 +6,7 @@ use std::io::Read;
 use std::path::Path;
 
 /// Version of the format of recordings. Another one is not read.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// Version of this program.
 pub const PROGRAM: &str = env!("CARGO_PKG_VERSION");

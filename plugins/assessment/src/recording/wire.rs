@@ -46,6 +46,7 @@ struct WireMouse {
     scope_roll_notches: f32,
     roll: f32,
     squeezed: bool,
+    exchange: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -117,6 +118,7 @@ impl From<&TickInput> for WireInput {
                 scope_roll_notches: m.scope_roll_notches,
                 roll: m.roll,
                 squeezed: m.squeezed,
+                exchange: m.exchange,
             },
             devices: [i.devices.left.as_ref().map(WireHand::from), i.devices.right.as_ref().map(WireHand::from)],
             cutting: WireCutting {
@@ -154,6 +156,7 @@ impl From<WireInput> for TickInput {
                 scope_roll_notches: m.scope_roll_notches,
                 roll: m.roll,
                 squeezed: m.squeezed,
+                exchange: m.exchange,
             },
             devices: DeviceHands { left, right },
             cutting: CutSettings {

@@ -55,7 +55,7 @@ fn device() -> impl Strategy<Value = Option<DeviceHand>> {
 
 fn mouse() -> impl Strategy<Value = HandInput> {
     let moved = prop_oneof![Just(Moved::Hand), Just(Moved::Endoscope), Just(Moved::EndoscopeRoll)];
-    (any::<[bool; 2]>(), moved, any::<[f32; 8]>()).prop_map(|([right, squeezed], moved, x)| HandInput {
+    (any::<[bool; 3]>(), moved, any::<[f32; 8]>()).prop_map(|([right, squeezed, exchange], moved, x)| HandInput {
         active: if right { Hand::Right } else { Hand::Left },
         moved,
         hand_motion: Vec2::new(x[0], x[1]),
@@ -65,6 +65,7 @@ fn mouse() -> impl Strategy<Value = HandInput> {
         scope_roll_notches: x[6],
         roll: x[7],
         squeezed,
+        exchange,
     })
 }
 
