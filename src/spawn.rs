@@ -12,9 +12,9 @@ use keyhole_tissue::{
     Capsule, Constraints, TeschnerSettings, TimeStepping, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings,
 };
 use keyhole_whiteboard::{
-    Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, Gravity, Instrument, Organ,
-    OrganMaterials, Port, RigidBody, RigidReport, ScriptClock, SimulationControl, SurfaceFriction, Thread, TickCost, TissueMesh,
-    TissueState, TopologyChanged,
+    Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, GlobalView, Gravity, Instrument, Organ,
+    OrganMaterials, Port, RigidBody, RigidReport, ScopeOptics, ScriptClock, SimulationControl, SurfaceFriction, Thread, TickCost,
+    TissueMesh, TissueState, TopologyChanged,
 };
 
 /// Part of the sag within which a rest shape hangs as the scan.
@@ -61,6 +61,8 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
     let started_s = world.get_resource::<Time<Fixed>>().map_or(0.0, Time::elapsed_secs_f64);
     world.insert_resource(Gravity(Vec3::from_array(scene.gravity)));
     world.insert_resource(scene.requirements());
+    let global = scene.views.global.map(|camera| (Vec3::from_array(camera.eye), Vec3::from_array(camera.target)));
+    world.get_resource_or_init::<GlobalView>().set_if_neq(GlobalView(global));
     world.insert_resource(theatre.script.clone());
     world.insert_resource(ScriptClock { end_s: theatre.script.end_s(), ..default() });
     {
@@ -143,8 +145,14 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             direction_of_view_rad: scope.direction_of_view_deg.to_radians(),
             angle_of_view_rad: scope.angle_of_view_deg.to_radians(),
             roll_rad: 0.0,
+            head_roll_rad: 0.0,
         };
-        world.spawn((endoscope, port, trocar_state(scope.yaw_deg, scope.pitch_deg, scope.insertion_m)));
+        let optics = ScopeOptics {
+            distortion: scope.distortion,
+            fogs_in_s: scope.fogs_in_s,
+            stereo_base_m: scope.stereo_base_mm.map(|base| base * 1e-3),
+        };
+        world.spawn((endoscope, optics, port, trocar_state(scope.yaw_deg, scope.pitch_deg, scope.insertion_m)));
     }
 }
 

@@ -1,5 +1,6 @@
 //! The scene format: what each field means, with unit and default. Unknown fields are refused.
 
+use keyhole_whiteboard::ScopeOptics;
 use serde::{Deserialize, Serialize};
 
 /// The version of the format that this program reads and writes.
@@ -334,6 +335,17 @@ pub struct SceneEndoscope {
     /// Initial distance from the port to its tip, m. Default 0.08.
     #[serde(default = "default_insertion")]
     pub insertion_m: f32,
+    /// Coefficients k1 and k2 of barrel distortion: what the lens shows at radius r a pinhole shows at r (1 + k1 r^2 + k2 r^4) / (1 + k1 + k2), both as
+    /// parts of the radius of the round picture. The rim is drawn in by (k1 + k2) / (1 + k1 + k2), which is 0.07 to 0.23 of laparoscopes. k1 from -0.3 to 1,
+    /// k2 from -0.15 to 1, together from 0 to 1. Default (0.1364, 0): 12 %.
+    #[serde(default = "default_distortion")]
+    pub distortion: [f32; 2],
+    /// Time in which a clean lens fogs over, s; above 0. A key cleans it. Default never.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fogs_in_s: Option<f32>,
+    /// Distance of the two lenses of a stereo endoscope, mm; above 0, at most 10. Default none: one lens.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stereo_base_mm: Option<f32>,
 }
 
 /// Release policy of cutting.
@@ -521,8 +533,8 @@ pub struct ViewKeyframe {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Views {
-    /// The whole theatre.
-    pub global: Camera,
+    /// The whole theatre, as it is seen at first. Default: from the front and above, so far away that all organs are in the picture.
+    pub global: Option<Camera>,
 }
 
 /// A camera.
@@ -533,12 +545,6 @@ pub struct Camera {
     pub eye: Triple,
     /// What it looks at, m.
     pub target: Triple,
-}
-
-impl Default for Camera {
-    fn default() -> Self {
-        Self { eye: [0.0, 0.15, 0.35], target: [0.0, 0.0, 0.0] }
-    }
 }
 
 fn default_gravity() -> Triple {
@@ -563,4 +569,8 @@ fn default_direction() -> f32 {
 
 fn default_angle() -> f32 {
     70.0
+}
+
+fn default_distortion() -> [f32; 2] {
+    ScopeOptics::default().distortion
 }

@@ -26,6 +26,7 @@ pub mod theatre;
 pub mod tools;
 
 pub use adapter::{AdapterError, adapter_available, display_available};
+pub use eyes::{ScopeFog, ViewLayout, Viewpoint};
 pub use fairing::FairingSettings;
 pub use keyhole_tetmesh::outer;
 pub use pictures::{PictureError, PictureErrors, PictureOf, PictureRequest, PictureRequests, PicturesPending, take_pictures};
