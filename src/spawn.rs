@@ -1,5 +1,6 @@
 //! From a theatre onto the whiteboard, and off it again.
 
+use crate::quality::Quality;
 use crate::theatre::Theatre;
 use bevy::prelude::*;
 use keyhole_collision::{CollisionSettings, SelfCollision};
@@ -78,6 +79,9 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             poisson_ratio: c.poisson_ratio,
             thickness_m: c.thickness_mm * 1e-3,
         });
+    }
+    if let Some(quality) = world.get_resource::<Quality>().copied() {
+        quality.apply(&mut world.resource_mut::<TissueSettings>());
     }
     world.resource_mut::<CollisionSettings>().self_collision = match scene.collision.itself {
         SceneSelfCollision::OnceCut => SelfCollision::OnceCut,

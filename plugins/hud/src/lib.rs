@@ -1,9 +1,16 @@
 //! The head-up display: which view and method, what a tick costs, what cutting has done, and every key. An app without a window leaves it
 //! out.
 
+pub mod costs;
 pub mod figures;
+pub mod guide;
 pub mod intent;
 pub mod panel;
 pub mod plugin;
+pub mod results;
+pub mod start;
 
+pub use guide::{Guide, Notices};
 pub use plugin::HudPlugin;
+pub use results::{ResultSheet, ResultTable, ResultsScreen};
+pub use start::{SceneCard, StartScreen};

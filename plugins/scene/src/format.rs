@@ -20,6 +20,9 @@ pub struct Scene {
     /// What the scene is for, in a sentence or two. Default empty.
     #[serde(default)]
     pub description: String,
+    /// What the trainee is to do, step by step, a line each. Default none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub guidance: Vec<String>,
     /// Gravity, m/s2. Default (0, -9.81, 0).
     #[serde(default = "default_gravity")]
     pub gravity: Triple,

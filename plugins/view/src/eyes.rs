@@ -30,7 +30,13 @@ pub enum EyeOf {
     Scope(ScopeEye),
     /// The theatre from a place.
     From(Viewpoint),
+    /// What is painted, by itself, from a place.
+    Specimen(Viewpoint),
 }
+
+/// Where the window looks from at what is painted, see [`crate::Paint`], by itself; `None`: it shows the theatre.
+#[derive(Resource, Clone, Copy, Debug, Default, PartialEq)]
+pub struct SpecimenView(pub Option<Viewpoint>);
 
 impl From<ViewMode> for EyeOf {
     fn from(mode: ViewMode) -> Self {
@@ -210,13 +216,17 @@ fn share(eye: WindowEye, layout: ViewLayout, mode: ViewMode, has_scope: bool, wi
 pub fn arrange_window(
     mode: Res<ViewMode>,
     layout: Res<ViewLayout>,
+    specimen: Res<SpecimenView>,
     window: Query<&Window, With<PrimaryWindow>>,
     endoscopes: Query<(), With<Endoscope>>,
     mut eyes: Query<(&mut Eye, &mut Camera, &WindowEye)>,
 ) {
     let Ok(window) = window.single() else { return };
     for (mut eye, mut camera, of_window) in &mut eyes {
-        let share = share(*of_window, *layout, *mode, !endoscopes.is_empty(), window.physical_size());
+        let share = match specimen.0 {
+            None => share(*of_window, *layout, *mode, !endoscopes.is_empty(), window.physical_size()),
+            Some(from) => (*of_window == WindowEye::Main).then_some((EyeOf::Specimen(from), None)),
+        };
         if camera.is_active != share.is_some() {
             camera.is_active = share.is_some();
         }
@@ -262,12 +272,15 @@ pub fn aim_eyes(
             }
             (shows, _) => {
                 *transform = match shows {
-                    EyeOf::From(place) => place.transform(),
+                    EyeOf::From(place) | EyeOf::Specimen(place) => place.transform(),
                     EyeOf::Global | EyeOf::Scope(_) => orbit.transform(),
                 };
                 set_perspective(&mut projection, GLOBAL_ANGLE_OF_VIEW_RAD, 0.01, 20.0);
                 camera.clear_color = ClearColorConfig::Custom(Color::linear_rgb(0.020, 0.028, 0.034));
-                *seen = RenderLayers::from_layers(&[0]).union(&layers::global_only());
+                *seen = match shows {
+                    EyeOf::Specimen(_) => layers::specimen_only(),
+                    _ => RenderLayers::from_layers(&[0]).union(&layers::global_only()),
+                };
                 ambient.brightness = 130.0;
                 if lens.is_some() {
                     commands.entity(entity).remove::<Lens>();

@@ -22,6 +22,8 @@ pub enum PictureOf {
     View(ViewMode),
     /// The theatre from a place, as the global view shows it.
     From(Viewpoint),
+    /// What is painted, see [`crate::Paint`], by itself, from a place.
+    Specimen(Viewpoint),
     /// The window as it is, with its HUD.
     Window,
 }
@@ -141,6 +143,7 @@ pub fn develop(
         let shows = darkroom.job.as_ref().filter(|job| !job.asked).and_then(|job| match job.request.of {
             PictureOf::View(mode) => Some(EyeOf::from(mode)),
             PictureOf::From(place) => Some(EyeOf::From(place)),
+            PictureOf::Specimen(place) => Some(EyeOf::Specimen(place)),
             PictureOf::Window => None,
         });
         camera.is_active = shows.is_some();
@@ -152,7 +155,7 @@ pub fn develop(
         if !job.asked && job.frames >= FEWEST_FRAMES && job.idle >= IDLE_FRAMES {
             job.asked = true;
             let screenshot = match job.request.of {
-                PictureOf::View(_) | PictureOf::From(_) => Screenshot::image(target),
+                PictureOf::View(_) | PictureOf::From(_) | PictureOf::Specimen(_) => Screenshot::image(target),
                 PictureOf::Window => Screenshot::primary_window(),
             };
             commands.spawn(screenshot).observe(save);

@@ -1,14 +1,16 @@
 //! The plugin of the view.
 
 use crate::anatomy::{AnatomyBounds, draw_anatomy};
-use crate::eyes::{ScopeFog, ViewLayout, aim_eyes, arrange_window, fog_lens, open_window_eyes, smooth_edges, switch_view};
+use crate::eyes::{ScopeFog, SpecimenView, ViewLayout, aim_eyes, arrange_window, fog_lens, open_window_eyes, smooth_edges, switch_view};
 use crate::fairing::FairingSettings;
 use crate::framing::{Framing, frame_scene};
 use crate::materials::TissueMaterials;
 use crate::optics::Lens;
 use crate::orbit::{OrbitSettings, OrbitState, claim_mouse, follow_framing, orbit};
 use crate::organs::{OrganViews, adopt_organs, draw_organs, follow_topology, inherit_planes, record_positions, switch_fairing};
+use crate::paint::Paint;
 use crate::pictures::{build_darkroom, develop};
+use crate::smoke::{Smoke, SmokeSettings, smoke};
 use crate::smoothing::MotionSettings;
 use crate::theatre::{furnish, light_scope, surround};
 use crate::tools::{draw_fittings, draw_tools, drop_orphans, move_fittings, move_tools};
@@ -56,6 +58,10 @@ impl Plugin for ViewPlugin {
             .init_resource::<ViewLayout>()
             .init_resource::<ScopeFog>()
             .init_resource::<GlobalView>()
+            .init_resource::<Paint>()
+            .init_resource::<SpecimenView>()
+            .init_resource::<SmokeSettings>()
+            .init_resource::<Smoke>()
             .init_resource::<PointerClaims>()
             .init_resource::<OrganViews>()
             .init_resource::<FairingSettings>()
@@ -80,7 +86,7 @@ impl Plugin for ViewPlugin {
             )
             .add_systems(
                 PostUpdate,
-                ((follow_framing, surround), orbit, aim_eyes, light_scope, move_tools, move_fittings)
+                ((follow_framing, surround), orbit, aim_eyes, light_scope, smoke, move_tools, move_fittings)
                     .chain()
                     .before(TransformSystems::Propagate)
                     .before(CameraUpdateSystems),
