@@ -7,7 +7,7 @@ use keyhole_view::{Paint, PaintedCut, Viewpoint};
 use keyhole_whiteboard::{TissueMesh, TissueState};
 
 /// From the middle of a piece to the camera, in its radii: it fills three quarters of the picture's height.
-const DISTANCE: f32 = 4.4;
+const DISTANCE: f32 = 3.6;
 
 /// What the colours mean, for a legend: margin in mm, and text.
 pub const LEGEND: [(f64, &str); 4] =

@@ -1,5 +1,6 @@
 //! What the trainee is to do, how long it has taken and what has gone wrong so far; and what the app has to say while it plays.
 
+use crate::start::StartScreen;
 use bevy::prelude::*;
 use bevy_egui::egui::{self, Align2, Color32, RichText};
 use bevy_egui::{EguiContexts, PrimaryEguiContext};
@@ -48,13 +49,14 @@ pub fn draw_guide(
     present: Query<(), With<PrimaryEguiContext>>,
     guide: Res<Guide>,
     notices: Res<Notices>,
+    start: Res<StartScreen>,
 ) -> Result {
     if present.is_empty() {
         return Ok(());
     }
     let context = contexts.ctx_mut()?;
     let back = egui::Frame::new().fill(Color32::from_black_alpha(170)).inner_margin(8.0).corner_radius(4.0);
-    if !guide.hidden {
+    if !guide.hidden && !start.open {
         egui::Area::new("guide".into()).anchor(Align2::CENTER_BOTTOM, [0.0, -10.0]).show(context, |ui| {
             back.show(ui, |ui| {
                 ui.horizontal(|ui| {

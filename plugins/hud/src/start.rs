@@ -120,7 +120,7 @@ pub fn draw_start(
     }
     let context = contexts.ctx_mut()?;
     let screen = context.content_rect();
-    let window = egui::Window::new("Keyhole").anchor(Align2::CENTER_CENTER, [0.0, 0.0]).resizable(false).collapsible(false);
+    let window = egui::Window::new("Scenes").anchor(Align2::CENTER_CENTER, [0.0, 0.0]).resizable(false).collapsible(false);
     let size = egui::vec2((screen.width() - 60.0).min(860.0), (screen.height() - 90.0).min(590.0));
     window.fixed_size(size).show(context, |ui| {
         ui.set_min_size(size);

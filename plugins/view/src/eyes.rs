@@ -281,7 +281,8 @@ pub fn aim_eyes(
                     EyeOf::Specimen(_) => layers::specimen_only(),
                     _ => RenderLayers::from_layers(&[0]).union(&layers::global_only()),
                 };
-                ambient.brightness = 130.0;
+                // The colours of a specimen are to be read off it, not its shape.
+                ambient.brightness = if matches!(shows, EyeOf::Specimen(_)) { 1500.0 } else { 130.0 };
                 if lens.is_some() {
                     commands.entity(entity).remove::<Lens>();
                 }

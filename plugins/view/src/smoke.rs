@@ -15,21 +15,21 @@ use keyhole_whiteboard::{Blade, CutStatus, Instrument, InstrumentKind, Instrumen
 /// How much smoke there is.
 #[derive(Resource, Clone, Copy, Debug, PartialEq)]
 pub struct SmokeSettings {
-    /// Puffs a second while a hook cuts. Default 18; 0 for none.
+    /// Puffs a second while a hook cuts. Default 30; 0 for none.
     pub puffs_1_s: f32,
-    /// How long a puff is seen, s. Default 1.6.
+    /// How long a puff is seen, s. Default 1.8.
     pub life_s: f32,
     /// Speed at which it rises, m/s. Default 0.02.
     pub rise_m_s: f32,
-    /// Radius when it comes and when it goes, m. Default 1.5 and 9 mm.
+    /// Radius when it comes and when it goes, m. Default 2 and 14 mm.
     pub radius_m: [f32; 2],
-    /// How much of what is behind it a fresh puff hides, 0 to 1. Default 0.22.
+    /// How much of what is behind it a fresh puff hides, 0 to 1. Default 0.20.
     pub opacity: f32,
 }
 
 impl Default for SmokeSettings {
     fn default() -> Self {
-        Self { puffs_1_s: 18.0, life_s: 1.6, rise_m_s: 0.02, radius_m: [0.0015, 0.009], opacity: 0.22 }
+        Self { puffs_1_s: 30.0, life_s: 1.8, rise_m_s: 0.02, radius_m: [0.002, 0.014], opacity: 0.20 }
     }
 }
 
