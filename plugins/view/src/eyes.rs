@@ -194,12 +194,14 @@ pub fn fog_lens(
 /// What a camera of the window shows in which part of it; `None`: it is shut.
 fn share(eye: WindowEye, layout: ViewLayout, mode: ViewMode, has_scope: bool, window: UVec2) -> Option<(EyeOf, Option<Viewport>)> {
     let part = |physical_position, physical_size| Viewport { physical_position, physical_size, ..default() };
-    let half = UVec2::new((window.x / 2).max(1), window.y.max(1));
+    // What is round fits into a square.
+    let side = (window.x / 2).min(window.y).max(1);
+    let (half, low) = (UVec2::splat(side), UVec2::new((window.x / 2).saturating_sub(side), window.y.saturating_sub(side)) / 2);
     let stereo = layout == ViewLayout::SideBySide && mode == ViewMode::Laparoscopic && has_scope;
     match eye {
-        WindowEye::Main if stereo => Some((EyeOf::Scope(ScopeEye::Left), Some(part(UVec2::ZERO, half)))),
+        WindowEye::Main if stereo => Some((EyeOf::Scope(ScopeEye::Left), Some(part(low, half)))),
         WindowEye::Main => Some((mode.into(), None)),
-        WindowEye::Second if stereo => Some((EyeOf::Scope(ScopeEye::Right), Some(part(UVec2::new(half.x, 0), half)))),
+        WindowEye::Second if stereo => Some((EyeOf::Scope(ScopeEye::Right), Some(part(low.with_x(window.x / 2 + low.x), half)))),
         WindowEye::Inset if layout == ViewLayout::Inset && has_scope => {
             let height = ((window.y as f32 * INSET_HEIGHT) as u32).max(1);
             let shown = other(mode);
@@ -324,7 +326,7 @@ mod tests {
             assert_eq!(inset.map(|s| s.0), Some(other(mode).into()));
         }
         let halves = [WindowEye::Main, WindowEye::Second].map(|eye| place(at(eye, ViewLayout::SideBySide, ViewMode::Laparoscopic, true)));
-        assert_eq!(halves, [UVec2::ZERO, UVec2::new(640, 0)].map(|low| Some((low, UVec2::new(640, 720)))));
+        assert_eq!(halves, [UVec2::new(0, 40), UVec2::new(640, 40)].map(|low| Some((low, UVec2::splat(640)))));
         assert_eq!(at(WindowEye::Second, ViewLayout::SideBySide, ViewMode::Global, true).map(|s| s.0), None);
     }
 }
