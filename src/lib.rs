@@ -5,11 +5,14 @@
 //! without a window, [`mod@recording`] says what a recording of a scene starts with and [`report`] says how it went. [`study`] holds the experiments. [`cli`] is the command line on top.
 
 pub mod cli;
+pub mod margin;
 pub mod perform;
+pub mod quality;
 pub mod recording;
 pub mod report;
 pub mod simulation;
 pub mod spawn;
+pub mod stage;
 pub mod study;
 pub mod theatre;
 

@@ -1,5 +1,6 @@
 //! A scene performed without a window: its demonstration from beginning to end, with a report and pictures where a renderer is found.
 
+use crate::margin::{paint, viewpoint};
 use crate::report::{Recorder, Summary, cost::Costs};
 use crate::simulation::{Output, Settings, TICKS_PER_SECOND, faults, simulation};
 use crate::theatre::Theatre;
@@ -12,8 +13,8 @@ use keyhole_whiteboard::{CutMethod, Hand, ViewMode};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Ticks between two frames: ten frames a simulated second.
-const TICKS_PER_FRAME: u64 = TICKS_PER_SECOND as u64 / 10;
+/// Ticks between two frames unless it is said otherwise: ten frames a simulated second.
+pub const TICKS_PER_FRAME: u64 = TICKS_PER_SECOND as u64 / 10;
 
 /// What is performed and what is wanted of it.
 #[derive(Clone, Debug, Default)]
@@ -26,8 +27,12 @@ pub struct Performance {
     pub threads: Option<usize>,
     /// An existing folder for pictures of both views before, during and after the cut.
     pub pictures: Option<PathBuf>,
-    /// An existing folder for frames of both views, ten a simulated second.
+    /// An existing folder for frames.
     pub frames: Option<PathBuf>,
+    /// Which frames, by the name that stands in their files' names; none: both views.
+    pub cameras: Vec<(String, PictureOf)>,
+    /// Ticks between two frames; default [`TICKS_PER_FRAME`].
+    pub ticks_per_frame: Option<u64>,
     /// A recording to play instead of the demonstration, to its end or as long as `seconds` says.
     pub replay: Option<Recording>,
     /// A recording to make.
@@ -94,6 +99,8 @@ pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(
     let demonstration = !theatre.script.is_empty();
     let scene = theatre.scene.name.clone();
     let shots = shots(&theatre.script, ticks);
+    let per_frame = wanted.ticks_per_frame.unwrap_or(TICKS_PER_FRAME).max(1);
+    let cameras = if wanted.cameras.is_empty() { both_cameras().into() } else { wanted.cameras.clone() };
     let drawn = wanted.pictures.is_some() || wanted.frames.is_some();
     let output = if drawn { Output::Pictures } else { Output::None };
     let faults_before = faults();
@@ -114,8 +121,10 @@ pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(
         if let (Some(folder), Some((_, name))) = (&wanted.pictures, shots.iter().find(|(at, _)| *at == tick)) {
             take_pictures(&mut app, both_views(folder, name))?;
         }
-        if let Some(folder) = wanted.frames.as_ref().filter(|_| tick.is_multiple_of(TICKS_PER_FRAME)) {
-            take_pictures(&mut app, both_views(folder, &format!("{:05}", tick / TICKS_PER_FRAME)))?;
+        if let Some(folder) = wanted.frames.as_ref().filter(|_| tick.is_multiple_of(per_frame)) {
+            let number = tick / per_frame;
+            let frame = |(name, of): &(String, PictureOf)| PictureRequest { path: folder.join(frame_name(number, name)), of: *of };
+            take_pictures(&mut app, cameras.iter().map(frame))?;
         }
         progress(tick, ticks);
     }
@@ -131,6 +140,12 @@ pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(
         assessed.results.ended_unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
         assessed
     });
+    if let (Some(folder), Some(found)) = (&wanted.pictures, &assessed)
+        && let Some(from) = viewpoint(app.world(), &found.pieces)
+    {
+        app.insert_resource(paint(&found.pieces));
+        take_pictures(&mut app, [PictureRequest { path: folder.join("4_margin.png"), of: PictureOf::Specimen(from) }])?;
+    }
     Ok(Outcome { summary: recorder.summary(app.world_mut()), costs: recorder.costs().clone(), replayed, assessed })
 }
 
@@ -154,7 +169,18 @@ fn shots(script: &Script, ticks: u64) -> [(u64, &'static str); 3] {
     [(1, "1_before"), (middle.clamp(2, ticks.max(3) - 1), "2_during"), (ticks, "3_after")]
 }
 
+/// Both views, with their names.
+#[must_use]
+pub fn both_cameras() -> [(String, PictureOf); 2] {
+    [("global", ViewMode::Global), ("laparoscopic", ViewMode::Laparoscopic)].map(|(name, mode)| (name.to_owned(), PictureOf::View(mode)))
+}
+
+/// The name of the file of a frame, numbered from 1.
+#[must_use]
+pub fn frame_name(number: u64, camera: &str) -> String {
+    format!("{number:05}_{camera}.png")
+}
+
 fn both_views(folder: &Path, name: &str) -> [PictureRequest; 2] {
-    [("global", ViewMode::Global), ("laparoscopic", ViewMode::Laparoscopic)]
-        .map(|(view, mode)| PictureRequest { path: folder.join(format!("{name}_{view}.png")), of: PictureOf::View(mode) })
+    both_cameras().map(|(view, of)| PictureRequest { path: folder.join(format!("{name}_{view}.png")), of })
 }

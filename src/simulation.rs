@@ -23,7 +23,7 @@ use keyhole_rigid::RigidPlugin;
 use keyhole_suturing::SuturingPlugin;
 use keyhole_tissue::TissuePlugin;
 use keyhole_view::ViewPlugin;
-use keyhole_whiteboard::{CutMethod, ScriptClock, SimulationControl, WhiteboardPlugin};
+use keyhole_whiteboard::{CutMethod, ScriptClock, SimulationControl, WhiteboardPlugin, tick::running};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -89,7 +89,7 @@ pub fn simulation(theatre: Theatre, settings: Settings) -> App {
             AssessmentPlugin,
         ))
         .add_systems(First, (stop_on_fault, reset).chain().after(PlayerSystems))
-        .add_systems(FixedFirst, reset.after(PlayerSystems));
+        .add_systems(FixedFirst, (reset, stand_still.run_if(not(running))).chain().after(PlayerSystems));
     match settings.output {
         Output::None => {}
         Output::Pictures => {
@@ -148,6 +148,15 @@ fn count_fault(error: BevyError, context: ErrorContext) {
     tracing::error!("{context}: {error}");
 }
 
+/// While the simulation is paused its clock stands: what is held until a time would be let go of otherwise, and nobody has lived to see it.
+fn stand_still(mut time: ResMut<Time<Fixed>>) {
+    let (step, now, overstep) = (time.timestep(), time.elapsed(), time.overstep());
+    let mut stood = Time::<Fixed>::from_duration(step);
+    stood.advance_to(now.saturating_sub(step));
+    stood.accumulate_overstep(overstep);
+    *time = stood;
+}
+
 /// A system that failed once would fail again each tick: the simulation is paused.
 fn stop_on_fault(mut control: ResMut<SimulationControl>, mut seen: Local<u64>) {
     let faults = faults();
@@ -166,4 +175,30 @@ fn hand_over(mut control: ResMut<SimulationControl>, mut clock: ResMut<ScriptClo
         *clock = ScriptClock { end_s: clock.end_s, ..default() };
     }
     *performing = control.demonstration;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::time::TimeUpdateStrategy;
+
+    /// The clock of ticks stands while the simulation is paused, and goes on by one tick a step.
+    #[test]
+    fn a_pause_takes_no_simulated_time() {
+        let mut app = App::new();
+        app.add_plugins(TimePlugin)
+            .insert_resource(TimeUpdateStrategy::FixedTimesteps(1))
+            .insert_resource(Time::<Fixed>::from_hz(TICKS_PER_SECOND))
+            .init_resource::<SimulationControl>()
+            .add_systems(FixedFirst, stand_still.run_if(not(running)));
+        let mut run = |updates: u32, paused: bool| {
+            app.world_mut().resource_mut::<SimulationControl>().paused = paused;
+            (0..updates).for_each(|_| app.update());
+            (app.world().resource::<Time<Fixed>>().elapsed_secs_f64() * TICKS_PER_SECOND).round()
+        };
+        let before = run(5, false);
+        assert!(before > 0.0);
+        assert_eq!(run(100, true), before);
+        assert_eq!(run(3, false), before + 3.0);
+    }
 }

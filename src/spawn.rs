@@ -1,5 +1,6 @@
 //! From a theatre onto the whiteboard, and off it again.
 
+use crate::quality::Quality;
 use crate::theatre::Theatre;
 use bevy::math::Isometry3d;
 use bevy::prelude::*;
@@ -13,9 +14,9 @@ use keyhole_tissue::{
     Capsule, Constraints, TeschnerSettings, TimeStepping, TissueModel, TissueReport, TissueSettings, VbdSettings, XpbdSettings,
 };
 use keyhole_whiteboard::{
-    Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, GraspReport, Gravity, Hand, Instrument,
-    InstrumentKind, NeedleGrip, Organ, OrganMaterials, PinchLimit, Port, RigidBody, RigidReport, ScriptClock, SimulationControl,
-    SurfaceFriction, SutureReport, TearResistance, Thread, TickCost, TissueMesh, TissueState, TopologyChanged, Tray,
+    Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, GlobalView, GraspReport, Gravity, Hand,
+    Instrument, InstrumentKind, NeedleGrip, Organ, OrganMaterials, PinchLimit, Port, RigidBody, RigidReport, ScopeOptics, ScriptClock,
+    SimulationControl, SurfaceFriction, SutureReport, TearResistance, Thread, TickCost, TissueMesh, TissueState, TopologyChanged, Tray,
 };
 
 /// Part of the sag within which a rest shape hangs as the scan.
@@ -62,6 +63,8 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
     let started_s = world.get_resource::<Time<Fixed>>().map_or(0.0, Time::elapsed_secs_f64);
     world.insert_resource(Gravity(Vec3::from_array(scene.gravity)));
     world.insert_resource(scene.requirements());
+    let global = scene.views.global.map(|camera| (Vec3::from_array(camera.eye), Vec3::from_array(camera.target)));
+    world.get_resource_or_init::<GlobalView>().set_if_neq(GlobalView(global));
     world.insert_resource(theatre.script.clone());
     world.insert_resource(ScriptClock { end_s: theatre.script.end_s(), ..default() });
     {
@@ -77,6 +80,9 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             poisson_ratio: c.poisson_ratio,
             thickness_m: c.thickness_mm * 1e-3,
         });
+    }
+    if let Some(quality) = world.get_resource::<Quality>().copied() {
+        quality.apply(&mut world.resource_mut::<TissueSettings>());
     }
     world.resource_mut::<CollisionSettings>().self_collision = match scene.collision.itself {
         SceneSelfCollision::OnceCut => SelfCollision::OnceCut,
@@ -166,8 +172,14 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             direction_of_view_rad: scope.direction_of_view_deg.to_radians(),
             angle_of_view_rad: scope.angle_of_view_deg.to_radians(),
             roll_rad: 0.0,
+            head_roll_rad: 0.0,
         };
-        world.spawn((endoscope, port, trocar_state(scope.yaw_deg, scope.pitch_deg, scope.insertion_m)));
+        let optics = ScopeOptics {
+            distortion: scope.distortion,
+            fogs_in_s: scope.fogs_in_s,
+            stereo_base_m: scope.stereo_base_mm.map(|base| base * 1e-3),
+        };
+        world.spawn((endoscope, optics, port, trocar_state(scope.yaw_deg, scope.pitch_deg, scope.insertion_m)));
     }
 }
 

@@ -10,6 +10,7 @@ pub mod play;
 pub mod run;
 pub mod scene;
 pub mod study;
+mod video;
 
 pub use failure::Failure;
 

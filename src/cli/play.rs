@@ -6,11 +6,14 @@ use crate::perform::Replayed;
 use crate::recording::{header, read};
 use crate::report::folder;
 use crate::simulation::{Output, Settings, TICKS_PER_SECOND, simulation};
+use crate::stage::StagePlugin;
 use crate::theatre::{Theatre, default_scene as find_default_scene};
 use bevy::prelude::*;
+use bevy::window::PrimaryWindow;
+use clap::ValueEnum;
 use keyhole_assessment::recording::{Play, Player, Recorder, Recording, RecordingWriter};
-use keyhole_view::{PictureOf, PictureRequest, PictureRequests, PicturesPending, adapter_available, display_available};
-use keyhole_whiteboard::TickCost;
+use keyhole_view::{PictureOf, PictureRequest, PictureRequests, PicturesPending, ViewLayout, adapter_available, display_available};
+use keyhole_whiteboard::{TickCost, ViewMode};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `keyhole play`.
@@ -36,6 +39,44 @@ pub struct PlayArgs {
     /// Save what the window shows in the end as a PNG.
     #[arg(long, value_name = "FILE.png", requires = "seconds")]
     pub picture: Option<PathBuf>,
+    /// Begin with this view. V changes it.
+    #[arg(long, value_enum, default_value_t = ViewArg::Global)]
+    pub view: ViewArg,
+    /// Begin with this layout. I and T change it.
+    #[arg(long, value_enum, default_value_t = LayoutArg::Single)]
+    pub layout: LayoutArg,
+    /// Size of the window, pixels.
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub window: Option<UVec2>,
+}
+
+/// A view.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum ViewArg {
+    /// The whole theatre from outside.
+    #[default]
+    Global,
+    /// Through the endoscope.
+    Laparoscopic,
+}
+
+/// How the window is shared out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum LayoutArg {
+    /// One view.
+    #[default]
+    Single,
+    /// The other view small in a corner.
+    Inset,
+    /// The laparoscopic view through two lenses, side by side.
+    Stereo,
+}
+
+fn size(text: &str) -> Result<UVec2, String> {
+    let parsed = text.split_once('x').and_then(|(w, h)| Some(UVec2::new(w.parse().ok()?, h.parse().ok()?)));
+    parsed
+        .filter(|s| s.cmpge(UVec2::new(320, 240)).all() && s.cmple(UVec2::splat(16_384)).all())
+        .ok_or_else(|| "expected a width and a height in pixels, 320x240 or more: 1280x720".into())
 }
 
 /// Plays a scene in a window.
@@ -43,6 +84,8 @@ pub struct PlayArgs {
 /// # Errors
 /// Status 2 when the scene is not as it should be; status 1 without a display or a graphics adapter, or when a part of the simulation fails.
 pub fn run(args: PlayArgs) -> Result<(), Failure> {
+    // Without a scene, and without anything that is of one, the trainee chooses.
+    let start = args.scene.is_none() && !args.demonstration && args.replay.is_none() && args.record.is_none();
     let path = args.scene.map_or_else(find_default_scene, Ok).map_err(Failure::input)?;
     let theatre = Theatre::load(&path).map_err(Failure::input)?;
     display_available().map_err(Failure::job)?;
@@ -52,12 +95,29 @@ pub fn run(args: PlayArgs) -> Result<(), Failure> {
     let record = args.record.as_ref().map(writer).transpose().map_err(Failure::input)?;
     let settings =
         Settings { output: Output::Window, method: args.method.map(Into::into), demonstration: args.demonstration, threads: None };
-    open(theatre, settings, Session { seconds: args.seconds, picture: args.picture, replay, record })
+    let view = match args.view {
+        ViewArg::Global => ViewMode::Global,
+        ViewArg::Laparoscopic => ViewMode::Laparoscopic,
+    };
+    let layout = match args.layout {
+        LayoutArg::Single => ViewLayout::Single,
+        LayoutArg::Inset => ViewLayout::Inset,
+        LayoutArg::Stereo => ViewLayout::SideBySide,
+    };
+    let (seconds, picture, window) = (args.seconds, args.picture, args.window);
+    open(theatre, settings, Session { path, start, seconds, picture, replay, record, view, layout, window })
 }
 
 /// What happens in a window besides playing.
 #[derive(Default)]
 struct Session {
+    /// The scene's file.
+    path: PathBuf,
+    /// Begin with the start screen.
+    start: bool,
+    view: ViewMode,
+    layout: ViewLayout,
+    window: Option<UVec2>,
     seconds: Option<f64>,
     picture: Option<PathBuf>,
     replay: Option<Recording>,
@@ -73,7 +133,10 @@ pub fn default_scene() -> Result<(), Failure> {
     let theatre = Theatre::load(&path).map_err(Failure::input)?;
     let missing = display_available().and_then(|()| adapter_available()).err();
     match missing {
-        None => open(theatre, Settings { output: Output::Window, ..Settings::default() }, Session::default()),
+        None => {
+            let session = Session { path, start: true, ..Session::default() };
+            open(theatre, Settings { output: Output::Window, ..Settings::default() }, session)
+        }
         Some(why) => {
             eprintln!("keyhole: no window: {why}; performing the demonstration of {} instead", path.display());
             with_report(theatre, &Wanted { report: Some(folder::unused(Path::new("."))), ..Wanted::default() })
@@ -85,12 +148,22 @@ pub fn default_scene() -> Result<(), Failure> {
 #[derive(Resource)]
 struct Closing {
     after_tick: u64,
+    /// On the start screen no tick runs: then after this much time by the clock, s.
+    after_s: Option<f64>,
     picture: Option<PathBuf>,
 }
 
 fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Failure> {
-    let Session { seconds, picture, replay, record } = session;
+    let Session { path, start, view, layout, window, seconds, picture, replay, record } = session;
     let mut app = simulation(theatre, settings);
+    let free = replay.is_none() && record.is_none();
+    app.add_plugins(StagePlugin { path, free, start }).insert_resource(view).insert_resource(layout);
+    if let Some(size) = window {
+        let mut windows = app.world_mut().query_filtered::<&mut Window, With<PrimaryWindow>>();
+        for mut window in windows.iter_mut(app.world_mut()) {
+            window.resolution.set_physical_resolution(size.x, size.y);
+        }
+    }
     if let Some(recording) = replay {
         app.insert_resource(Player::new(Play::new(recording))).add_systems(Last, tell_end);
     }
@@ -99,7 +172,7 @@ fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Fa
     }
     if let Some(seconds) = seconds {
         let after_tick = (seconds * TICKS_PER_SECOND).ceil() as u64;
-        app.insert_resource(Closing { after_tick, picture }).add_systems(Last, close);
+        app.insert_resource(Closing { after_tick, after_s: start.then_some(seconds), picture }).add_systems(Last, close);
     }
     match app.run() {
         AppExit::Success => Ok(()),
@@ -109,12 +182,14 @@ fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Fa
 
 fn close(
     cost: Res<TickCost>,
+    time: Res<Time<Real>>,
     mut closing: ResMut<Closing>,
     mut requests: ResMut<PictureRequests>,
     pending: Res<PicturesPending>,
     mut exit: MessageWriter<AppExit>,
 ) {
-    if cost.ticks < closing.after_tick {
+    let long_enough = closing.after_s.is_some_and(|s| time.elapsed_secs_f64() >= s);
+    if cost.ticks < closing.after_tick && !long_enough {
         return;
     }
     if let Some(path) = closing.picture.take() {

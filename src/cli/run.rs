@@ -1,14 +1,15 @@
 //! `keyhole run`: a scene performed without a window.
 
-use crate::cli::{Failure, MethodArg};
-use crate::perform::{Outcome, PerformError, Performance, Record, Replayed, perform};
+use crate::cli::{Failure, MethodArg, video};
+use crate::perform::{Outcome, PerformError, Performance, Record, Replayed, both_cameras, perform};
 use crate::recording::{header, read};
 use crate::report::folder::Folder;
 use crate::theatre::Theatre;
+use bevy::prelude::Vec3;
 use indicatif::{ProgressBar, ProgressStyle};
 use keyhole_assessment::recording::{Recording, RecordingError};
-use keyhole_view::adapter_available;
-use keyhole_whiteboard::CutMethod;
+use keyhole_view::{PictureOf, Viewpoint, adapter_available};
+use keyhole_whiteboard::{CutMethod, ViewMode};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -20,9 +21,15 @@ pub struct RunArgs {
     /// Simulated time, s; without it the demonstration's length.
     #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true)]
     pub seconds: Option<f64>,
-    /// Save both views ten times a simulated second as PNG in this folder, which must not be there or be empty.
+    /// Save frames of both views as PNG in this folder, which must not be there or be empty; where ffmpeg is at hand, a video of each beside them.
     #[arg(long, value_name = "DIR")]
     pub frames: Option<PathBuf>,
+    /// Frames of this camera instead, which may be given several times: `global`, `laparoscopic`, or a place and what it looks at, in metres.
+    #[arg(long, value_name = "global|laparoscopic|X,Y,Z:X,Y,Z", value_parser = camera, requires = "frames", allow_hyphen_values = true)]
+    pub camera: Vec<CameraArg>,
+    /// Frames a simulated second: what 60 is a multiple of.
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = frame_rate, requires = "frames")]
+    pub frame_rate: u16,
     /// Leave a report in this folder, which must not be there or be empty.
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
@@ -48,6 +55,8 @@ pub struct RunArgs {
 pub(crate) struct Wanted {
     pub seconds: Option<f64>,
     pub frames: Option<PathBuf>,
+    pub cameras: Vec<(String, PictureOf)>,
+    pub frame_rate: Option<u16>,
     pub report: Option<PathBuf>,
     pub method: Option<CutMethod>,
     pub threads: Option<usize>,
@@ -70,6 +79,8 @@ pub fn run(args: RunArgs) -> Result<(), Failure> {
         verify: args.verify,
         seconds: args.seconds,
         frames: args.frames,
+        cameras: named(args.camera),
+        frame_rate: Some(args.frame_rate),
         report: args.report,
         method: args.method.map(Into::into),
         threads: args.threads.map(usize::from),
@@ -106,6 +117,8 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
         threads: wanted.threads,
         pictures,
         frames: frames.as_ref().map(|(folder, _)| folder.path().to_owned()),
+        cameras: wanted.cameras.clone(),
+        ticks_per_frame: wanted.frame_rate.map(|rate| u64::from(60 / rate.max(1))),
         record: wanted.record.clone(),
         replay: wanted.replay.clone(),
     };
@@ -122,6 +135,8 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
     outcome.summary.pictures = drawn_with;
     say(&outcome.summary.markdown(&outcome.costs));
     for (folder, place) in [frames].into_iter().flatten() {
+        let cameras = if wanted.cameras.is_empty() { both_cameras().into() } else { wanted.cameras.clone() };
+        say(&video::make(folder.path(), &place, cameras.iter().map(|(name, _)| name.as_str()), wanted.frame_rate.unwrap_or(10)));
         folder.finish().map_err(|e| Failure::job(format!("{}: {e}", place.display())))?;
     }
     if let Some((folder, place)) = report {
@@ -183,5 +198,62 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(s) if s > 0.0 && s <= 86_400.0 => Ok(s),
         _ => Err("expected a number of seconds above 0 and at most 86400".into()),
+    }
+}
+
+/// A camera as it is named on the command line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraArg(PictureOf);
+
+fn camera(text: &str) -> Result<CameraArg, String> {
+    let triple = |text: &str| -> Option<Vec3> {
+        let values: Vec<f32> = text.split(',').map(|v| v.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect::<Option<_>>()?;
+        <[f32; 3]>::try_from(values).ok().map(Vec3::from_array)
+    };
+    match text {
+        "global" => Ok(CameraArg(PictureOf::View(ViewMode::Global))),
+        "laparoscopic" => Ok(CameraArg(PictureOf::View(ViewMode::Laparoscopic))),
+        place => place
+            .split_once(':')
+            .and_then(|(eye, target)| Some(Viewpoint { eye: triple(eye)?, target: triple(target)? }))
+            .filter(|place| place.eye != place.target)
+            .map(|place| CameraArg(PictureOf::From(place)))
+            .ok_or_else(|| "expected `global`, `laparoscopic`, or where the camera is and what it looks at: 0.2,0.1,0.4:0,0,0".into()),
+    }
+}
+
+/// Cameras with names for their files; those that are places are numbered.
+fn named(cameras: Vec<CameraArg>) -> Vec<(String, PictureOf)> {
+    let mut places = 0;
+    let mut name = |CameraArg(of)| match of {
+        PictureOf::View(ViewMode::Global) => ("global".to_owned(), of),
+        PictureOf::View(ViewMode::Laparoscopic) => ("laparoscopic".to_owned(), of),
+        _ => {
+            places += 1;
+            (format!("camera{places}"), of)
+        }
+    };
+    cameras.into_iter().map(&mut name).collect()
+}
+
+fn frame_rate(text: &str) -> Result<u16, String> {
+    let rate: Option<u16> = text.parse().ok().filter(|rate| *rate > 0 && 60 % rate == 0);
+    rate.ok_or_else(|| "expected a number of frames a second that 60 is a multiple of: 10, 15, 20, 30, 60".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_are_views_or_places() {
+        let place = Viewpoint { eye: Vec3::new(0.2, -0.1, 0.4), target: Vec3::ZERO };
+        assert_eq!(camera("0.2,-0.1,0.4:0,0,0"), Ok(CameraArg(PictureOf::From(place))));
+        let names = named(["laparoscopic", "0,0,1:0,0,0", "0,1,1:0,0,0"].into_iter().flat_map(camera).collect());
+        assert_eq!(names.iter().map(|n| n.0.as_str()).collect::<Vec<_>>(), ["laparoscopic", "camera1", "camera2"]);
+        for wrong in ["", "top", "1,2,3", "1,2:3,4,5", "1,2,3:1,2,3", "1,2,nan:0,0,0"] {
+            assert!(camera(wrong).is_err(), "{wrong}");
+        }
+        assert!(frame_rate("15") == Ok(15) && frame_rate("25").is_err() && frame_rate("0").is_err());
     }
 }

@@ -1,7 +1,7 @@
 //! Glue: what is on the whiteboard at the end of a tick goes into the sums of the session.
 
 use crate::metrics::{Margin, Piece, Resection, ViewCone, Volumes};
-use crate::results::{Results, record};
+use crate::results::{Measured, Results, record};
 use crate::session::{MetricSettings, Resected, Sample, Session, ToolSample};
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
@@ -41,6 +41,14 @@ pub struct Clamped(pub Option<bool>);
 #[derive(Resource, Debug, Default)]
 pub struct Assessment {
     session: Option<Box<Ongoing>>,
+}
+
+impl Assessment {
+    /// The figures so far but for those of a resection, which take a look at every tetrahedron; none before the first tick.
+    #[must_use]
+    pub fn figures(&self) -> Vec<Measured> {
+        self.session.as_ref().map_or_else(Vec::new, |ongoing| ongoing.sums.figures(None))
+    }
 }
 
 #[derive(Debug)]

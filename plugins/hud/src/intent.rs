@@ -1,6 +1,7 @@
 //! What the trainee asked for with keys and buttons, gathered during a frame and carried out once, at the start of the next: egui may
 //! build a frame's panel twice.
 
+use crate::start::StartScreen;
 use bevy::prelude::*;
 use keyhole_whiteboard::{CutSettings, SimulationControl, ViewMode};
 
@@ -37,13 +38,17 @@ impl Default for HudState {
 }
 
 /// The keys of the HUD.
-pub const KEYS: [(&str, &str); 6] = [
+pub const KEYS: [(&str, &str); 10] = [
     ("Space", "pause or go on"),
     (".", "one tick, then pause"),
     ("R", "start the scene over"),
     ("H", "demonstration or own hands"),
     ("F1", "this help"),
     ("F2", "show or hide the panel"),
+    ("F3", "show or hide the task; Page Down and Page Up: its steps"),
+    ("F4", "the results so far, and back"),
+    ("F5", "with the results: save them as a page"),
+    ("Esc", "the start screen: scenes and settings; and back"),
 ];
 
 /// Keys to wishes.
@@ -52,8 +57,11 @@ pub fn read_keys(
     control: Res<SimulationControl>,
     mut intent: ResMut<Intent>,
     mut state: ResMut<HudState>,
+    start: Res<StartScreen>,
 ) {
-    for key in keys.get_just_pressed() {
+    // On the start screen the keys are its own, but for the list of them.
+    let ours = |key: &&KeyCode| !start.open || **key == KeyCode::F1;
+    for key in keys.get_just_pressed().filter(ours) {
         match key {
             KeyCode::Space => intent.paused = Some(!control.paused),
             KeyCode::Period => intent.step = true,
@@ -99,6 +107,7 @@ mod tests {
             .init_resource::<SimulationControl>()
             .init_resource::<Intent>()
             .init_resource::<HudState>()
+            .init_resource::<StartScreen>()
             .init_resource::<ViewMode>()
             .init_resource::<CutSettings>()
             .add_systems(Update, (read_keys, carry_out).chain());

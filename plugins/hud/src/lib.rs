@@ -2,12 +2,19 @@
 //! out.
 
 pub mod bleeding;
+pub mod costs;
 pub mod devices;
 pub mod figures;
+pub mod guide;
 pub mod help;
 pub mod intent;
 pub mod panel;
 pub mod plugin;
+pub mod results;
+pub mod start;
 pub mod tools;
 
+pub use guide::{Guide, Notices};
 pub use plugin::HudPlugin;
+pub use results::{ResultSheet, ResultTable, ResultsScreen};
+pub use start::{SceneCard, StartScreen};

@@ -4,6 +4,7 @@ use crate::devices::show_devices;
 use crate::figures::{MeshFigures, milliseconds, stages};
 use crate::help::show_help;
 use crate::intent::{HudState, Intent};
+use crate::start::StartScreen;
 use crate::tools::{Tool, show_tools};
 use bevy::prelude::*;
 use bevy_egui::egui::{self, Align2, Color32, RichText, Ui};
@@ -32,14 +33,18 @@ pub fn draw_hud(
     meshes: Res<MeshFigures>,
     keys: Res<KeyMap>,
     devices: Res<DeviceStatus>,
+    start: Res<StartScreen>,
+    (time, mut frame_s): (Res<Time<Real>>, Local<f32>),
     instruments: Query<Tool>,
     input: Option<Res<HandInput>>,
 ) -> Result {
+    // A mean over the last frames: half of it is of the last fourteen.
+    *frame_s += 0.05 * (time.delta_secs() - *frame_s);
     if present.is_empty() {
         return Ok(());
     }
     let context = contexts.ctx_mut()?;
-    if state.panel {
+    if state.panel && !start.open {
         egui::Window::new("Keyhole").anchor(Align2::LEFT_TOP, [10.0, 10.0]).resizable(false).default_width(258.0).show(context, |ui| {
             show_control(ui, &mut intent, *view, &control);
             ui.separator();
@@ -47,7 +52,7 @@ pub fn draw_hud(
             ui.separator();
             show_meshes(ui, &meshes, &status);
             ui.separator();
-            show_cost(ui, &cost);
+            show_cost(ui, &cost, *frame_s);
             if !instruments.is_empty() {
                 ui.separator();
                 show_tools(ui, instruments.iter(), input.as_ref().map(|input| input.active));
@@ -59,7 +64,7 @@ pub fn draw_hud(
     if state.keys {
         show_help(context, &keys);
     }
-    if control.paused {
+    if control.paused && !start.open {
         egui::Area::new("paused".into()).anchor(Align2::CENTER_TOP, [0.0, 12.0]).show(context, |ui| {
             ui.label(RichText::new("PAUSED").size(22.0).strong().color(ACTIVE).background_color(Color32::from_black_alpha(160)));
         });
@@ -150,10 +155,13 @@ fn show_meshes(ui: &mut Ui, meshes: &MeshFigures, status: &CutStatus) {
     });
 }
 
-fn show_cost(ui: &mut Ui, cost: &TickCost) {
+fn show_cost(ui: &mut Ui, cost: &TickCost, frame_s: f32) {
     let last = milliseconds(cost.last_tick());
     let colour = if last > TICK_MS { ACTIVE } else { Color32::from_gray(210) };
     ui.label(RichText::new(format!("tick {last:6.2} ms of {TICK_MS:.1}, {} ticks", cost.ticks)).color(colour));
+    if frame_s > 0.0 {
+        ui.label(RichText::new(format!("frame {:6.1} ms, {:.1} a second", 1e3 * frame_s, frame_s.recip())).color(QUIET));
+    }
     egui::Grid::new("cost").num_columns(4).spacing([10.0, 1.0]).show(ui, |ui| {
         ui.label("");
         for head in ["last", "mean", "max ms"] {

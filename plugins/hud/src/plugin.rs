@@ -2,16 +2,22 @@
 
 use crate::bleeding::draw_bleeding;
 use crate::figures::{MeshFigures, count};
+use crate::guide::{Guide, Notices, draw_guide, guide_keys};
 use crate::intent::{HudState, Intent, KEYS, carry_out, read_keys};
 use crate::panel::draw_hud;
-use bevy::camera::RenderTarget;
+use crate::results::{ResultsScreen, draw_results, result_keys};
+use crate::start::{StartScreen, Thumbnails, draw_start, start_keys};
+use bevy::camera::CameraOutputMode;
+use bevy::camera::visibility::RenderLayers;
 use bevy::input::InputSystems;
 use bevy::prelude::*;
+use bevy::render::render_resource::BlendState;
+use bevy::window::PrimaryWindow;
 use bevy_egui::input::EguiWantsInput;
-use bevy_egui::{EguiGlobalSettings, EguiPlugin, EguiPrimaryContextPass, PrimaryEguiContext};
+use bevy_egui::{EguiContexts, EguiGlobalSettings, EguiPlugin, EguiPrimaryContextPass, PrimaryEguiContext};
 use keyhole_whiteboard::{KeyMap, PointerClaims};
 
-/// The HUD on the first camera that draws into a window. Needs `DefaultPlugins` with a window, and the whiteboard before it.
+/// The HUD of the window. Needs `DefaultPlugins` with a window, and the whiteboard before it.
 pub struct HudPlugin;
 
 impl Plugin for HudPlugin {
@@ -19,33 +25,51 @@ impl Plugin for HudPlugin {
         if !app.is_plugin_added::<EguiPlugin>() {
             app.add_plugins(EguiPlugin::default());
         }
-        // The first camera of all is the one that takes pictures; the HUD is for the window's.
+        // The first camera of all is the one that takes pictures; the HUD has its own.
         app.insert_resource(EguiGlobalSettings { auto_create_primary_context: false, ..default() });
         app.init_resource::<KeyMap>().world_mut().resource_mut::<KeyMap>().push_all(&KEYS);
         app.init_resource::<HudState>()
             .init_resource::<Intent>()
             .init_resource::<MeshFigures>()
             .init_resource::<PointerClaims>()
+            .add_systems(Startup, open_hud_eye)
             .add_systems(PreUpdate, (read_keys, carry_out, claim_pointer).chain().after(InputSystems))
-            .add_systems(Update, (count, take_window_camera))
-            .add_systems(EguiPrimaryContextPass, (draw_hud, draw_bleeding).chain());
+            .add_systems(Update, count)
+            .add_systems(EguiPrimaryContextPass, (suit_window, draw_hud, draw_bleeding, draw_guide, draw_results, draw_start).chain());
+        app.init_resource::<StartScreen>()
+            .init_resource::<Thumbnails>()
+            .init_resource::<ResultsScreen>()
+            .init_resource::<Guide>()
+            .init_resource::<Notices>()
+            .add_systems(PreUpdate, (guide_keys, result_keys, start_keys).chain().after(InputSystems).before(read_keys));
     }
 }
 
-/// Puts the HUD on the first camera that draws into a window.
-fn take_window_camera(
-    mut commands: Commands,
-    cameras: Query<(Entity, &RenderTarget), (With<Camera>, Without<PrimaryEguiContext>)>,
-    taken: Query<(), With<PrimaryEguiContext>>,
-) {
-    if !taken.is_empty() {
+/// A camera for the HUD alone, over all others of the window: each of them may have but a part of it.
+fn open_hud_eye(mut commands: Commands, windows: Query<(), With<PrimaryWindow>>) {
+    if windows.is_empty() {
         return;
     }
-    if let Some((camera, _)) = cameras.iter().find(|(_, target)| matches!(target, RenderTarget::Window(_))) {
-        commands.entity(camera).insert(PrimaryEguiContext);
-    }
+    let over = CameraOutputMode::Write { blend_state: Some(BlendState::PREMULTIPLIED_ALPHA_BLENDING), clear_color: ClearColorConfig::None };
+    let camera = Camera { order: 100, clear_color: ClearColorConfig::Custom(Color::NONE), output_mode: over, ..default() };
+    // It sees nothing but the HUD.
+    commands.spawn((Name::new("HUD eye"), Camera2d, camera, Msaa::Off, RenderLayers::none(), PrimaryEguiContext));
 }
 
-fn claim_pointer(wants: Option<Res<EguiWantsInput>>, mut claims: ResMut<PointerClaims>) {
-    claims.hud = wants.is_some_and(|w| w.wants_any_pointer_input());
+/// Height of a window in which the HUD has its own size, pixels: in a larger one it is drawn larger, so that it is as readable.
+const WINDOW_HEIGHT: f32 = 720.0;
+
+/// Draws the HUD as large as the window is high, in eighths.
+fn suit_window(mut contexts: EguiContexts, windows: Query<&Window, With<PrimaryWindow>>) -> Result {
+    let Ok(window) = windows.single() else { return Ok(()) };
+    let Ok(context) = contexts.ctx_mut() else { return Ok(()) };
+    let wanted = ((window.height() / WINDOW_HEIGHT * 8.0).round() / 8.0).clamp(0.75, 6.0);
+    if context.zoom_factor() != wanted {
+        context.set_zoom_factor(wanted);
+    }
+    Ok(())
+}
+
+fn claim_pointer(wants: Option<Res<EguiWantsInput>>, start: Res<StartScreen>, mut claims: ResMut<PointerClaims>) {
+    claims.hud = start.open || wants.is_some_and(|w| w.wants_any_pointer_input());
 }

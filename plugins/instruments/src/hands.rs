@@ -2,14 +2,14 @@
 
 use crate::kinematics::{TrocarLimits, TrocarState, move_handle};
 use bevy_ecs::prelude::*;
-use keyhole_whiteboard::HandInput;
+use keyhole_whiteboard::{HandInput, Moved};
 
 /// Every key and button of this room and what it does.
 pub const KEYS: &[(&str, &str)] = &[
     ("Mouse", "moves the handle of the active instrument; the tip goes the other way about the port"),
     ("Mouse wheel", "pushes the active instrument in and pulls it out"),
     ("Left mouse button", "closes the jaws, scissors cut as they close; hook and scalpel cut while it is down"),
-    ("Q / E", "roll the active instrument"),
+    ("Q / E", "roll the active instrument; with C or the right mouse button the camera head, and with it the horizon"),
     ("Tab", "the other hand; the one left behind holds still"),
     ("X", "the active hand changes its instrument, if the scene has others for it"),
     ("C or right mouse button", "held: the mouse moves the endoscope, the wheel pushes it in and pulls it out"),
@@ -59,7 +59,9 @@ pub fn hand_tick(
     let motion = input.hand_motion * settings.metres_per_count;
     let mut state = move_handle(state, shaft_length_m, motion.x, motion.y);
     state.insertion_m += input.hand_notches * settings.metres_per_notch;
-    state.roll_rad += input.roll * settings.roll_rad_s * dt_s;
+    if input.moved == Moved::Hand {
+        state.roll_rad += input.roll * settings.roll_rad_s * dt_s;
+    }
     let step = dt_s / settings.grip_s;
     state.grip += if input.squeezed { step } else { -step };
     state.pedal = input.squeezed;
@@ -78,11 +80,16 @@ pub fn scope_tick(state: TrocarState, input: &HandInput, settings: &HandSettings
     })
 }
 
+/// By how much the camera head turns in one tick of `dt_s`, rad: the keys that roll the hand otherwise roll it while the endoscope is moved.
+#[must_use]
+pub fn head_roll(input: &HandInput, settings: &HandSettings, dt_s: f32) -> f32 {
+    if input.moved == Moved::Hand { 0.0 } else { 0.5 * input.roll * settings.roll_rad_s * dt_s }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use bevy_math::Vec2;
-    use keyhole_whiteboard::Moved;
 
     #[test]
     fn the_endoscope_takes_the_mouse_while_its_key_is_held() {
@@ -94,6 +101,17 @@ mod tests {
         assert_eq!(state.roll_rad, 2.0 * settings.scope_roll_rad_per_notch);
         assert_eq!(state.insertion_m, 0.1);
         assert!(state.yaw_rad > 0.0);
+    }
+
+    #[test]
+    fn the_rolling_keys_turn_the_hand_or_the_camera_head() {
+        let (settings, limits) = (HandSettings::default(), TrocarLimits::default());
+        let state = TrocarState { insertion_m: 0.1, ..Default::default() };
+        for (moved, hand, head) in [(Moved::Hand, 2.0, 0.0), (Moved::Endoscope, 0.0, 1.0), (Moved::EndoscopeRoll, 0.0, 1.0)] {
+            let input = HandInput { moved, roll: 1.0, ..HandInput::default() };
+            assert_eq!(hand_tick(state, &input, &settings, &limits, 0.33, 1.0).roll_rad, hand);
+            assert_eq!(head_roll(&input, &settings, 1.0), head);
+        }
     }
 
     #[test]

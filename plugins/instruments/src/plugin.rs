@@ -3,7 +3,7 @@
 use crate::device::{DeviceClutch, device_tick};
 use crate::exchange::{ExchangeSettings, Progress, begin, exchange_tick};
 use crate::force::Felt;
-use crate::hands::{HandSettings, KEYS, hand_tick, scope_tick};
+use crate::hands::{HandSettings, KEYS, hand_tick, head_roll, scope_tick};
 use crate::kinematics::{PortFrame, TrocarLimits, TrocarState};
 use crate::line::{Controls, JawStroke, blade_now};
 use crate::proxy::{Proxy, ProxySettings};
@@ -246,11 +246,13 @@ fn move_active_hand(
 fn move_endoscope(
     mut input: ResMut<HandInput>,
     settings: Res<HandSettings>,
-    mut endoscopes: Query<(&TrocarLimits, &mut TrocarState), (With<Endoscope>, Without<Instrument>)>,
+    time: Res<Time<Fixed>>,
+    mut endoscopes: Query<(&TrocarLimits, &mut TrocarState, &mut Endoscope), Without<Instrument>>,
 ) {
     let taken = input.take();
-    for (limits, mut state) in &mut endoscopes {
+    for (limits, mut state, mut endoscope) in &mut endoscopes {
         *state = scope_tick(*state, &taken, &settings, limits);
+        endoscope.head_roll_rad += head_roll(&taken, &settings, time.timestep().as_secs_f32());
     }
 }
 

@@ -31,6 +31,7 @@ mod tests {
             direction_of_view_rad: 30f32.to_radians(),
             angle_of_view_rad: 60f32.to_radians(),
             roll_rad: 0.0,
+            head_roll_rad: 0.0,
         };
         let down = |degrees: f32| Quat::from_rotation_x(-degrees.to_radians()) * Vec3::NEG_Z * 0.1;
         let seen = |scope: &Endoscope| [-5.0, 5.0, 55.0, 65.0].map(|angle| sees(scope, down(angle), 0.0));

@@ -137,8 +137,11 @@ impl Rules {
                 self.say("tissue.capsule.poisson_ratio", format!("{} is out of range: expected 0 to 0.5", capsule.poisson_ratio));
             }
         }
-        let Camera { eye, target } = scene.views.global;
-        if self.finite("views.global.eye", &eye) && self.finite("views.global.target", &target) && eye == target {
+        if let Some(Camera { eye, target }) = scene.views.global
+            && self.finite("views.global.eye", &eye)
+            && self.finite("views.global.target", &target)
+            && eye == target
+        {
             self.say("views.global.target", "the camera looks at its own place: move `eye` or `target`");
         }
     }
@@ -337,6 +340,16 @@ impl Rules {
             self.range("endoscope.yaw_deg", scope.yaw_deg, -STEEPEST_DEG, STEEPEST_DEG, " degrees");
             self.range("endoscope.pitch_deg", scope.pitch_deg, -STEEPEST_DEG, STEEPEST_DEG, " degrees");
             self.range("endoscope.insertion_m", scope.insertion_m, 0.01, 0.30, " m");
+            let [k1, k2] = scope.distortion;
+            self.range("endoscope.distortion", k1, -0.3, 1.0, ", the first coefficient");
+            self.range("endoscope.distortion", k2, -0.15, 1.0, ", the second coefficient");
+            self.range("endoscope.distortion", k1 + k2, 0.0, 1.0, ", both coefficients together");
+            if let Some(seconds) = scope.fogs_in_s.filter(|s| !(*s > 0.0 && s.is_finite())) {
+                self.say("endoscope.fogs_in_s", format!("{seconds} is out of range: expected a time above 0, or leave it out"));
+            }
+            if let Some(base) = scope.stereo_base_mm {
+                self.range("endoscope.stereo_base_mm", base, 0.1, 10.0, " mm; 4 to 5 are usual");
+            }
         }
     }
 

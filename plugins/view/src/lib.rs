@@ -19,9 +19,11 @@ pub mod materials;
 pub mod optics;
 pub mod orbit;
 pub mod organs;
+pub mod paint;
 pub mod pictures;
 pub mod plugin;
 pub mod sheet;
+pub mod smoke;
 pub mod smoothing;
 #[cfg(test)]
 mod testing;
@@ -30,8 +32,12 @@ pub mod thread;
 pub mod tools;
 
 pub use adapter::{AdapterError, adapter_available, display_available};
+pub use eyes::{ScopeFog, SpecimenView, ViewLayout, Viewpoint};
 pub use fairing::FairingSettings;
 pub use keyhole_tetmesh::outer;
+pub use orbit::OrbitState;
+pub use paint::{Paint, PaintedCut};
 pub use pictures::{PictureError, PictureErrors, PictureOf, PictureRequest, PictureRequests, PicturesPending, take_pictures};
 pub use plugin::ViewPlugin;
+pub use smoke::SmokeSettings;
 pub use smoothing::MotionSettings;

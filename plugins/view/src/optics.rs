@@ -1,20 +1,20 @@
 //! The optics of an angled endoscope: where it looks, and how its lens bends the picture.
 //!
 //! The picture is drawn by a pinhole and then resampled by one full-screen pass (`optics.wgsl`): barrel distortion, the round mask, the
-//! fall of light towards the rim, and a notch in the rim that shows the side to which the scope is rolled.
+//! fall of light towards the rim, fog, and a notch in the rim that shows the side to which the scope is rolled.
 
 use bevy::core_pipeline::fullscreen_material::FullscreenMaterial;
 use bevy::math::Isometry3d;
 use bevy::prelude::*;
 use bevy::render::{extract_component::ExtractComponent, render_resource::ShaderType};
 use bevy::shader::ShaderRef;
-use keyhole_whiteboard::Endoscope;
-
-/// Barrel distortion at the rim, as a fraction of the undistorted radius. Laparoscopes measure 7 to 23 % (doi 10.1089/end.2012.0140).
-pub const BARREL_DISTORTION: f32 = 0.12;
+use keyhole_whiteboard::{Endoscope, ScopeOptics};
 
 /// Diameter of the round picture as a fraction of the height of the view.
 pub const MASK_DIAMETER: f32 = 0.97;
+
+/// Steps of the inverse of the distortion: an interval of 1 has the width of the last bit of an f32 after 24.
+const HALVINGS: u32 = 26;
 
 /// Where the endoscope looks from and to: [`Endoscope::eye_pose`].
 #[must_use]
@@ -25,34 +25,56 @@ pub fn eye_pose(endoscope: &Endoscope) -> Isometry3d {
 /// The lens of a camera that looks through the endoscope.
 #[derive(Component, ExtractComponent, Clone, Copy, Debug, Default, PartialEq, ShaderType)]
 pub struct Lens {
-    /// Coefficient of the distortion, see [`Lens::undistorted`].
-    pub kappa: f32,
+    /// The part of the target that the picture is in: left, top, width, height, pixels. Without a width the whole target.
+    pub viewport: Vec4,
+    /// First coefficient of the distortion, see [`ScopeOptics::distortion`].
+    pub k1: f32,
+    /// Second coefficient.
+    pub k2: f32,
     /// [`MASK_DIAMETER`].
     pub mask_diameter: f32,
     /// Where the notch is, rad anticlockwise from the right of the picture.
     pub notch_rad: f32,
     /// Light lost at the rim, as a fraction.
     pub falloff: f32,
+    /// How fogged the lens is, 0 to 1.
+    pub fog: f32,
 }
 
 impl Lens {
-    /// The lens of an endoscope.
+    /// The lens of an endoscope, clean, over the whole target.
     #[must_use]
-    pub fn of(endoscope: &Endoscope) -> Self {
+    pub fn of(endoscope: &Endoscope, optics: &ScopeOptics) -> Self {
+        let [k1, k2] = optics.distortion;
         Self {
-            kappa: BARREL_DISTORTION / (1.0 - BARREL_DISTORTION),
+            viewport: Vec4::ZERO,
+            k1,
+            k2,
             mask_diameter: MASK_DIAMETER,
-            notch_rad: endoscope.roll_rad - std::f32::consts::FRAC_PI_2,
+            notch_rad: endoscope.roll_rad - endoscope.head_roll_rad - std::f32::consts::FRAC_PI_2,
             falloff: 0.35,
+            fog: 0.0,
         }
     }
 
-    /// The radius in the pinhole's picture that is seen at radius `r` of the round picture, both with the rim at 1:
-    /// `r (1 + kappa r^2) / (1 + kappa)`. Undistorted by the scale of its centre, `1 / (1 + kappa)`, the rim would be at `1 + kappa`: the
-    /// distortion there is `-kappa / (1 + kappa)`.
+    /// The radius in the pinhole's picture that is seen at radius `r` of the round picture, both with the rim at 1: see
+    /// [`ScopeOptics::distortion`]. The shader has the same.
     #[must_use]
     pub fn undistorted(&self, r: f32) -> f32 {
-        r * (1.0 + self.kappa * r * r) / (1.0 + self.kappa)
+        let r2 = r * r;
+        r * (1.0 + r2 * (self.k1 + self.k2 * r2)) / (1.0 + self.k1 + self.k2)
+    }
+
+    /// The radius of the round picture at which the pinhole's radius `r`, 0 to 1, is seen: the inverse of [`Lens::undistorted`], by bisection,
+    /// for what a scene may have for coefficients grows from rim to rim.
+    #[must_use]
+    pub fn distorted(&self, r: f32) -> f32 {
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if self.undistorted(middle) < r { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
     }
 }
 
@@ -65,10 +87,11 @@ impl FullscreenMaterial for Lens {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     fn scope(view: f32, roll: f32) -> Endoscope {
         let pose = Isometry3d::new(Vec3::new(0.1, 0.2, 0.3), Quat::from_euler(EulerRot::YXZ, 0.7, -0.4, 0.0));
-        Endoscope { pose, direction_of_view_rad: view, angle_of_view_rad: 1.2, roll_rad: roll }
+        Endoscope { pose, direction_of_view_rad: view, angle_of_view_rad: 1.2, roll_rad: roll, head_roll_rad: 0.0 }
     }
 
     #[test]
@@ -108,13 +131,43 @@ mod tests {
         }
     }
 
+    /// The camera head turns the picture about its middle and nothing else: the horizon is off by as much, and the notch goes with the scope.
+    #[test]
+    fn rolling_the_camera_head_loses_the_horizon() {
+        let level = scope(0.5, 0.3);
+        for head in [-1.2, 0.4, 2.0] {
+            let rolled = Endoscope { head_roll_rad: head, ..level };
+            let (before, after) = (eye_pose(&level).rotation, eye_pose(&rolled).rotation);
+            assert!((before * Vec3::NEG_Z).distance(after * Vec3::NEG_Z) < 1e-6);
+            let up = after.inverse() * (before * Vec3::Y);
+            assert!((up.x - head.sin()).abs() < 1e-5 && (up.y - head.cos()).abs() < 1e-5, "{up}");
+            let optics = ScopeOptics::default();
+            let turned = Lens::of(&level, &optics).notch_rad - Lens::of(&rolled, &optics).notch_rad;
+            assert!((turned - head).abs() < 1e-6);
+        }
+    }
+
     #[test]
     fn the_lens_has_its_distortion_and_keeps_the_rim() {
-        let lens = Lens::of(&scope(0.5, 0.0));
+        let optics = ScopeOptics::default();
+        let lens = Lens::of(&scope(0.5, 0.0), &optics);
         assert!((lens.undistorted(1.0) - 1.0).abs() < 1e-6);
-        let centre_scale = lens.undistorted(1e-3) / 1e-3;
-        // The rim of an undistorted picture with the centre's magnification lies at 1 / scale.
-        let distortion = 1.0 - centre_scale.recip();
-        assert!((distortion * centre_scale + BARREL_DISTORTION).abs() < 1e-5, "{distortion}");
+        // With the middle's magnification the rim, which the pinhole has at 1, would be at 1 / slope.
+        let slope = lens.undistorted(1e-3) / 1e-3;
+        assert!((1.0 - slope - ScopeOptics::DISTORTION).abs() < 1e-5, "{slope}");
+        assert!((optics.distortion_at_rim() - ScopeOptics::DISTORTION).abs() < 1e-6);
+    }
+
+    proptest! {
+        /// Over all coefficients that a scene may have the mapping grows, and its inverse undoes it.
+        #[test]
+        fn the_inverse_undoes_the_distortion(k1 in -0.3_f32..1.0, k2 in -0.15_f32..1.0, r in 0.0_f32..1.0) {
+            prop_assume!((0.0..=1.0).contains(&(k1 + k2)));
+            let lens = Lens { k1, k2, ..Lens::default() };
+            prop_assert!((lens.undistorted(1.0) - 1.0).abs() < 1e-5);
+            prop_assert!(lens.undistorted(r + 1e-3) > lens.undistorted(r));
+            prop_assert!((lens.undistorted(lens.distorted(r)) - r).abs() < 1e-5);
+            prop_assert!((lens.distorted(lens.undistorted(r)) - r).abs() < 1e-5);
+        }
     }
 }

@@ -4,7 +4,7 @@
 use crate::framing::Framing;
 use bevy::input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseScrollUnit};
 use bevy::prelude::*;
-use keyhole_whiteboard::{PointerClaims, ViewMode};
+use keyhole_whiteboard::{GlobalView, PointerClaims, ViewMode};
 
 /// How fast the camera follows the mouse.
 #[derive(Resource, Clone, Copy, Debug, PartialEq)]
@@ -53,6 +53,15 @@ impl OrbitState {
         Transform::from_translation(self.focus + self.distance_m * back).looking_at(self.focus, Vec3::Y)
     }
 
+    /// A camera at a place that looks at a point.
+    #[must_use]
+    pub fn looking(eye: Vec3, target: Vec3) -> Self {
+        let back = eye - target;
+        let level = back.with_y(0.0).length();
+        let pitch_rad = back.y.atan2(level).clamp(-Self::STEEPEST, Self::STEEPEST);
+        Self { focus: target, yaw_rad: back.x.atan2(back.z), pitch_rad, distance_m: back.length() }
+    }
+
     /// Looks at the whole scene.
     pub fn frame(&mut self, framing: &Framing) {
         self.focus = framing.focus;
@@ -60,10 +69,12 @@ impl OrbitState {
     }
 }
 
-/// Frames the scene when it has changed.
-pub fn follow_framing(framing: Res<Framing>, mut orbit: ResMut<OrbitState>) {
-    if framing.is_changed() {
-        orbit.frame(&framing);
+/// Goes where the scene wants the camera when another scene has come; where it says nothing, frames it when it has changed.
+pub fn follow_framing(framing: Res<Framing>, wanted: Res<GlobalView>, mut orbit: ResMut<OrbitState>) {
+    match wanted.0 {
+        Some((eye, target)) if wanted.is_changed() => *orbit = OrbitState::looking(eye, target),
+        None if framing.is_changed() => orbit.frame(&framing),
+        _ => {}
     }
 }
 
@@ -121,6 +132,8 @@ mod tests {
         let place = orbit.transform();
         assert!((place.translation.distance(orbit.focus) - 0.4).abs() < 1e-6);
         assert!((place.translation + 0.4 * place.forward()).distance(orbit.focus) < 1e-6);
+        let again = OrbitState::looking(place.translation, orbit.focus).transform();
+        assert!(again.translation.distance(place.translation) < 1e-6 && again.forward().distance(*place.forward()) < 1e-5);
         let above = OrbitState { pitch_rad: 0.5, ..orbit }.transform();
         assert!(above.translation.y > orbit.focus.y);
     }

@@ -7,6 +7,7 @@ use crate::fairing::{Fairing, FairingSettings};
 use crate::layers;
 use crate::materials::TissueMaterials;
 use crate::outer::OuterPlanes;
+use crate::paint::Paint;
 use crate::sheet::{Side, Surface};
 use crate::smoothing::Smoothing;
 use bevy::camera::visibility::{NoAutoAabb, NoFrustumCulling};
@@ -133,13 +134,15 @@ pub fn draw_organs(
     tissue_materials: Res<TissueMaterials>,
     smoothing: Smoothing,
     fairing: Res<FairingSettings>,
+    paint: Res<Paint>,
     organs: Query<(&TissueMesh, &OrganMaterials)>,
     bruises: Query<Ref<Bruises>>,
 ) {
     let OrganViews { views, normals, blend, faired, .. } = &mut *views;
     for view in views {
         let bruises = bruises.get(view.organ).ok();
-        view.stale_topology |= fairing.is_changed() || bruises.as_ref().is_some_and(|b| b.is_changed() && !b.by_node.is_empty());
+        view.stale_topology |=
+            fairing.is_changed() || paint.is_changed() || bruises.as_ref().is_some_and(|b| b.is_changed() && !b.by_node.is_empty());
         if !view.stale_shape && !view.stale_topology {
             continue;
         }
@@ -186,7 +189,12 @@ pub fn draw_organs(
                 }
                 write_topology(&mut drawn, sheet, side, &mesh.0, materials, &depths);
                 bruises.as_deref().into_iter().for_each(|bruises| tint(&mut drawn, sheet, bruises));
-                commands.entity(*entity).insert(Visibility::Inherited);
+                let painted = paint.of(view.organ);
+                if let Some(painted) = painted.filter(|_| side == Side::Inside) {
+                    painted.write(&mut drawn, sheet);
+                }
+                let seen = if painted.is_some() { layers::shared().union(&layers::specimen_only()) } else { layers::shared() };
+                commands.entity(*entity).insert((Visibility::Inherited, seen));
             }
             if side == Side::Skin || !fairing.enabled {
                 node_normals(sheet, positions, normals);
@@ -208,6 +216,7 @@ pub fn draw_organs(
 #[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 mod tests {
     use super::*;
+    use crate::paint::PaintedCut;
     use crate::smoothing::MotionSettings;
     use crate::testing::{block, parted};
     use bevy::ecs::system::RunSystemOnce;
@@ -238,6 +247,7 @@ mod tests {
         world.init_resource::<TissueMaterials>();
         world.init_resource::<OrganViews>();
         world.init_resource::<FairingSettings>();
+        world.init_resource::<Paint>();
         world.init_resource::<Time<Fixed>>();
         world.insert_resource(MotionSettings::Newest);
         world.init_resource::<ButtonInput<KeyCode>>();
@@ -269,5 +279,19 @@ mod tests {
         world.run_system_once(switch_fairing).unwrap();
         world.run_system_once(draw_organs).unwrap();
         assert!(moved(&drawn(&world, 1)).is_empty());
+        // What is painted is seen on the opened inside, and only where it was painted.
+        let node = *inside.keys().min().unwrap();
+        let red = [1.0, 0.0, 0.0];
+        let painted = PaintedCut { organ, colours: vec![(keyhole_tetmesh::NodeId(node as u32), red)] };
+        world.insert_resource(Paint(vec![painted]));
+        world.run_system_once(draw_organs).unwrap();
+        let view = &world.resource::<OrganViews>().views[0];
+        for (slot, side) in [Side::Skin, Side::Inside].into_iter().enumerate() {
+            let mesh = world.resource::<Assets<Mesh>>().get(&view.drawn[slot].as_ref().unwrap().1).unwrap();
+            let Some(VertexAttributeValues::Float32x4(colours)) = mesh.attribute(Mesh::ATTRIBUTE_COLOR) else { panic!("no colours") };
+            let sheet = view.surface.sheet(side);
+            let red = colours.iter().zip(sheet.vertices()).filter(|(c, _)| c[..3] == red).map(|(_, v)| v.node.index());
+            assert_eq!(red.collect::<Vec<_>>(), if side == Side::Inside { vec![node] } else { vec![] });
+        }
     }
 }

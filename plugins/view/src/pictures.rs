@@ -3,7 +3,7 @@
 //! A request is taken up when the ones before it are done: the picture's eye is opened, the renderer gets the time to compile what it
 //! needs, one frame is read back and saved under a temporary name, then renamed.
 
-use crate::eyes::Eye;
+use crate::eyes::{Eye, EyeOf, Viewpoint};
 use crate::smoothing::MotionSettings;
 use bevy::camera::RenderTarget;
 use bevy::prelude::*;
@@ -16,16 +16,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What a picture shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PictureOf {
     /// One of the views, without HUD, in the size of [`crate::ViewPlugin`].
     View(ViewMode),
+    /// The theatre from a place, as the global view shows it.
+    From(Viewpoint),
+    /// What is painted, see [`crate::Paint`], by itself, from a place.
+    Specimen(Viewpoint),
     /// The window as it is, with its HUD.
     Window,
 }
 
 /// A picture to be taken.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PictureRequest {
     /// Where to save it; the name ends in `.png`. An existing file is replaced.
     pub path: PathBuf,
@@ -107,7 +111,7 @@ pub fn build_darkroom(app: &mut App, size: UVec2) {
         .world_mut()
         .spawn((
             Name::new("picture eye"),
-            Eye { shows: ViewMode::Global },
+            Eye { shows: EyeOf::Global },
             Camera { is_active: false, order: -1, ..default() },
             RenderTarget::Image(target.clone().into()),
         ))
@@ -137,7 +141,9 @@ pub fn develop(
     if let Ok((mut eye, mut camera)) = eyes.get_mut(eye) {
         // The frame that is asked for is the last one that is drawn.
         let shows = darkroom.job.as_ref().filter(|job| !job.asked).and_then(|job| match job.request.of {
-            PictureOf::View(mode) => Some(mode),
+            PictureOf::View(mode) => Some(EyeOf::from(mode)),
+            PictureOf::From(place) => Some(EyeOf::From(place)),
+            PictureOf::Specimen(place) => Some(EyeOf::Specimen(place)),
             PictureOf::Window => None,
         });
         camera.is_active = shows.is_some();
@@ -149,7 +155,7 @@ pub fn develop(
         if !job.asked && job.frames >= FEWEST_FRAMES && job.idle >= IDLE_FRAMES {
             job.asked = true;
             let screenshot = match job.request.of {
-                PictureOf::View(_) => Screenshot::image(target),
+                PictureOf::View(_) | PictureOf::From(_) | PictureOf::Specimen(_) => Screenshot::image(target),
                 PictureOf::Window => Screenshot::primary_window(),
             };
             commands.spawn(screenshot).observe(save);

@@ -3,14 +3,16 @@
 use crate::anatomy::{AnatomyBounds, draw_anatomy};
 use crate::blood::{Blood, DrawnBlood, bleeds, draw_blood, flow_blood};
 use crate::clips::{draw_clips, move_clips};
-use crate::eyes::{aim_eyes, follow_mode, open_window_eye, smooth_edges, switch_view};
+use crate::eyes::{ScopeFog, SpecimenView, ViewLayout, aim_eyes, arrange_window, fog_lens, open_window_eyes, smooth_edges, switch_view};
 use crate::fairing::FairingSettings;
 use crate::framing::{Framing, frame_scene};
 use crate::materials::TissueMaterials;
 use crate::optics::Lens;
 use crate::orbit::{OrbitSettings, OrbitState, claim_mouse, follow_framing, orbit};
 use crate::organs::{OrganViews, adopt_organs, draw_organs, follow_topology, inherit_planes, record_positions, switch_fairing};
+use crate::paint::Paint;
 use crate::pictures::{build_darkroom, develop};
+use crate::smoke::{Smoke, SmokeSettings, smoke};
 use crate::smoothing::MotionSettings;
 use crate::theatre::{furnish, light_scope, surround};
 use crate::thread::{draw_sutures, move_sutures};
@@ -22,7 +24,7 @@ use bevy::core_pipeline::fullscreen_material::FullscreenMaterialPlugin;
 use bevy::input::InputSystems;
 use bevy::prelude::*;
 use bevy::transform::TransformSystems;
-use keyhole_whiteboard::{KeyMap, PointerClaims, TickSystems, ViewMode};
+use keyhole_whiteboard::{GlobalView, KeyMap, PointerClaims, TickSystems, ViewMode};
 
 /// Draws the whiteboard: both views, in the window if there is one, and as pictures. Needs `DefaultPlugins` (with or without a window) and
 /// the whiteboard before it. Nothing that it does is read by the simulation.
@@ -39,8 +41,11 @@ impl Default for ViewPlugin {
 }
 
 /// The keys of the view.
-const KEYS: [(&str, &str); 4] = [
-    ("V", "global or laparoscopic view"),
+const KEYS: [(&str, &str); 7] = [
+    ("V", "global or laparoscopic view; with an inset they change places"),
+    ("I", "the other view as an inset, or without"),
+    ("T", "laparoscopic view in stereo, side by side, or single"),
+    ("L", "clean the lens of the endoscope"),
     ("B", "cut surfaces smoothed, or bare as the mesh has them"),
     ("middle mouse button", "global view: turn the camera; with Shift: move it"),
     ("Ctrl + wheel", "global view: distance of the camera"),
@@ -53,6 +58,13 @@ impl Plugin for ViewPlugin {
         build_darkroom(app, self.picture_size);
         app.add_plugins(FullscreenMaterialPlugin::<Lens>::default())
             .init_resource::<ViewMode>()
+            .init_resource::<ViewLayout>()
+            .init_resource::<ScopeFog>()
+            .init_resource::<GlobalView>()
+            .init_resource::<Paint>()
+            .init_resource::<SpecimenView>()
+            .init_resource::<SmokeSettings>()
+            .init_resource::<Smoke>()
             .init_resource::<PointerClaims>()
             .init_resource::<OrganViews>()
             .init_resource::<FairingSettings>()
@@ -64,7 +76,7 @@ impl Plugin for ViewPlugin {
             .init_resource::<OrbitState>()
             .insert_resource(MotionSettings::Blend)
             .add_observer(inherit_planes)
-            .add_systems(Startup, (furnish, open_window_eye))
+            .add_systems(Startup, (furnish, open_window_eyes))
             .add_systems(PreUpdate, claim_mouse.after(InputSystems))
             .add_systems(RunFixedMainLoop, adopt_organs.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop))
             .add_systems(FixedUpdate, (follow_topology, adopt_organs, record_positions).chain().in_set(TickSystems::Publish))
@@ -76,13 +88,13 @@ impl Plugin for ViewPlugin {
                 (
                     (drop_orphans, draw_anatomy, draw_tools, draw_fittings).chain(),
                     (switch_fairing, draw_organs, frame_scene).chain(),
-                    (switch_view, develop, follow_mode, smooth_edges).chain(),
+                    (switch_view, fog_lens, develop, arrange_window, smooth_edges).chain(),
                 ),
             )
             .add_systems(Update, (draw_sutures.after(drop_orphans), move_sutures).chain())
             .add_systems(
                 PostUpdate,
-                ((follow_framing, surround), orbit, aim_eyes, light_scope, move_tools, move_fittings)
+                ((follow_framing, surround), orbit, aim_eyes, light_scope, smoke, move_tools, move_fittings)
                     .chain()
                     .before(TransformSystems::Propagate)
                     .before(CameraUpdateSystems),

@@ -64,6 +64,10 @@ pub fn furnish(
     };
     commands.spawn((lamp(Color::srgb(1.0, 0.97, 0.92), 3400.0, true), cascades.build(), from(0.5, 1.0, 0.35), layers::global_only()));
     commands.spawn((lamp(Color::srgb(0.80, 0.90, 1.0), 1000.0, false), from(-0.9, 0.5, 0.1), layers::global_only()));
+    // What was resected is looked at by itself, in even light.
+    commands.spawn((lamp(Color::WHITE, 2600.0, false), from(0.4, 1.0, 0.6), layers::specimen_only()));
+    commands.spawn((lamp(Color::WHITE, 1800.0, false), from(-0.6, -0.4, 0.5), layers::specimen_only()));
+    commands.spawn((lamp(Color::WHITE, 1800.0, false), from(0.1, -0.3, -1.0), layers::specimen_only()));
     commands.spawn((
         ScopeLight,
         SpotLight {

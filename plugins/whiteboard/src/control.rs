@@ -1,6 +1,7 @@
 //! Pause, step, reset, and which view is shown.
 
 use bevy_ecs::prelude::*;
+use bevy_math::Vec3;
 
 /// What the trainee asked of the simulation. Written by the HUD and the command line; reset is carried out by the app.
 #[derive(Resource, Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -24,6 +25,10 @@ pub enum ViewMode {
     /// Through the endoscope.
     Laparoscopic,
 }
+
+/// Where the global view is seen from at first: eye and target, m; `None` where the scene does not say, and all organs are framed. Written by the scene.
+#[derive(Resource, Clone, Copy, Debug, Default, PartialEq)]
+pub struct GlobalView(pub Option<(Vec3, Vec3)>);
 
 /// Every key and what it does, for the HUD to list. Each room pushes its own while its plugin is built.
 #[derive(Resource, Clone, Debug, Default, PartialEq, Eq)]

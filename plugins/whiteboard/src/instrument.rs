@@ -154,6 +154,9 @@ pub struct Endoscope {
     pub angle_of_view_rad: f32,
     /// Rotation of the scope about its shaft against the camera head, rad: orbits the view and keeps the horizon.
     pub roll_rad: f32,
+    /// Rotation of the camera head about the direction of view, rad, anticlockwise as seen from behind it: the picture turns the other way, and
+    /// the horizon is lost.
+    pub head_roll_rad: f32,
 }
 
 impl Endoscope {
@@ -162,12 +165,13 @@ impl Endoscope {
     /// The prism bends the view by the direction of view towards -Y of the shaft's frame; rolling the scope by `roll` turns the prism about
     /// the shaft, and with it the picture, which the camera head turns back by the same angle: `Rz(roll) Rx(-view) Rz(-roll)`. Hence the view
     /// orbits and the horizon stays: exactly at quarter turns, and in between within an angle of tangent `(1 - cos view) / (2 sqrt(cos view))`,
-    /// 4.1 degrees for a scope of 30.
+    /// 4.1 degrees for a scope of 30. Rolling the camera head turns the picture about its middle.
     #[must_use]
     pub fn eye_pose(&self) -> Isometry3d {
         let roll = Quat::from_rotation_z(self.roll_rad);
         let bend = Quat::from_rotation_x(-self.direction_of_view_rad);
-        Isometry3d::new(self.pose.translation, self.pose.rotation * roll * bend * roll.inverse())
+        let head = Quat::from_rotation_z(self.head_roll_rad);
+        Isometry3d::new(self.pose.translation, self.pose.rotation * roll * bend * roll.inverse() * head)
     }
 }
 

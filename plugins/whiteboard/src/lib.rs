@@ -14,6 +14,7 @@ pub mod gesture;
 pub mod grasp;
 pub mod input;
 pub mod instrument;
+pub mod optics;
 pub mod organ;
 pub mod rigid;
 pub mod scene;
@@ -23,7 +24,7 @@ pub mod tick;
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
 pub use clip::{BleedReport, BleedSite, Clip, ClipApplier, ClipPair, ClipReport, ClipShape, Vessel, VesselEnd};
 pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction, ToolContacts, ToolTouch, ToolTouched};
-pub use control::{KeyMap, PointerClaims, SimulationControl, ViewMode};
+pub use control::{GlobalView, KeyMap, PointerClaims, SimulationControl, ViewMode};
 pub use cutting::{CutMethod, CutPattern, CutSettings, CutStatus};
 pub use device::{AxisInput, DeviceCondition, DeviceHand, DeviceHands, DeviceReport, DeviceStatus, ToolForce};
 pub use exchange::{Exchange, ExchangeStage, Tray};
@@ -34,6 +35,7 @@ pub use instrument::{
     Blade, CutTrigger, CuttingLine, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, LineShape, PartMesh, Port,
     ToolModel, ToolPart,
 };
+pub use optics::ScopeOptics;
 pub use organ::{Anatomy, FragmentDetached, FreedFrom, Organ, OrganMaterial, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
 pub use rigid::{HeldBy, RigidBody, RigidFragments, RigidMass, RigidPose, RigidQuarantined, RigidReport, RigidShape, Rigidified};
 pub use scene::{Gravity, SceneRequirements};

@@ -25,8 +25,9 @@ pub(crate) fn figure(svg: &str, caption: &str) -> Markup {
     html! { figure { (PreEscaped(svg)) figcaption { (caption) } } }
 }
 
-/// Three digits, no more than are needed.
-pub(crate) fn number(v: f64) -> String {
+/// A figure as it stands on the pages: three digits, no more than are needed.
+#[must_use]
+pub fn number(v: f64) -> String {
     if v == 0.0 || !v.is_finite() {
         return if v == 0.0 { "0".into() } else { "–".into() };
     }

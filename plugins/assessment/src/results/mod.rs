@@ -6,6 +6,7 @@ pub mod plots;
 pub mod progress;
 pub mod record;
 
+pub use document::number;
 pub use page::page;
 pub use progress::{Progress, ProgressError};
 pub use record::{MarginSummary, Measured, Results};

@@ -50,6 +50,7 @@ pub fn theatre(assessed: bool) -> (App, [Entity; 3]) {
         direction_of_view_rad: 0.0,
         angle_of_view_rad: 1.2,
         roll_rad: 0.0,
+        head_roll_rad: 0.0,
     });
     app.update();
     (app, [right, left, organ])

@@ -25,6 +25,7 @@ fn theatre() -> (App, [Entity; 3]) {
         direction_of_view_rad: 30f32.to_radians(),
         angle_of_view_rad: 70f32.to_radians(),
         roll_rad: 0.0,
+        head_roll_rad: 0.0,
     };
     let scope = world.spawn((endoscope, port(0.0), state)).id();
     // The clock's first update measures no time and runs no tick.

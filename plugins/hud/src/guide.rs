@@ -1,0 +1,98 @@
+//! What the trainee is to do, how long it has taken and what has gone wrong so far; and what the app has to say while it plays.
+
+use crate::start::StartScreen;
+use bevy::prelude::*;
+use bevy_egui::egui::{self, Align2, Color32, RichText};
+use bevy_egui::{EguiContexts, PrimaryEguiContext};
+
+/// The task. Filled in by the app.
+#[derive(Resource, Clone, Debug, Default, PartialEq)]
+pub struct Guide {
+    /// What is to be done, step by step. Page Down and Page Up go through them.
+    pub steps: Vec<String>,
+    /// Which step the trainee is at.
+    pub step: usize,
+    /// Simulated time since the scene began, s.
+    pub time_s: f64,
+    /// What has gone wrong: what it is, and how much of it with its unit. Only what is not nothing.
+    pub errors: Vec<(String, String)>,
+    /// Whether it is hidden. F3.
+    pub hidden: bool,
+}
+
+/// What the app has to say: problems of a scene's file that was changed, for one. Empty: nothing.
+#[derive(Resource, Clone, Debug, Default, PartialEq)]
+pub struct Notices(pub Vec<String>);
+
+/// F3 hides the guide, Page Down and Page Up go through its steps.
+pub fn guide_keys(keys: Res<ButtonInput<KeyCode>>, mut guide: ResMut<Guide>) {
+    for key in keys.get_just_pressed() {
+        match key {
+            KeyCode::F3 => guide.hidden = !guide.hidden,
+            KeyCode::PageDown => guide.step = (guide.step + 1).min(guide.steps.len().saturating_sub(1)),
+            KeyCode::PageUp => guide.step = guide.step.saturating_sub(1),
+            _ => {}
+        }
+    }
+}
+
+/// Minutes, seconds and tenths.
+#[must_use]
+pub fn clock(seconds: f64) -> String {
+    let tenths = (seconds.max(0.0) * 10.0).floor() as u64;
+    format!("{}:{:02}.{}", tenths / 600, tenths / 10 % 60, tenths % 10)
+}
+
+/// Draws both.
+pub fn draw_guide(
+    mut contexts: EguiContexts,
+    present: Query<(), With<PrimaryEguiContext>>,
+    guide: Res<Guide>,
+    notices: Res<Notices>,
+    start: Res<StartScreen>,
+) -> Result {
+    if present.is_empty() {
+        return Ok(());
+    }
+    let context = contexts.ctx_mut()?;
+    let back = egui::Frame::new().fill(Color32::from_black_alpha(170)).inner_margin(8.0).corner_radius(4.0);
+    if !guide.hidden && !start.open {
+        egui::Area::new("guide".into()).anchor(Align2::CENTER_BOTTOM, [0.0, -10.0]).show(context, |ui| {
+            back.show(ui, |ui| {
+                ui.horizontal(|ui| {
+                    ui.label(RichText::new(clock(guide.time_s)).monospace().size(18.0).color(Color32::WHITE));
+                    if let Some(step) = guide.steps.get(guide.step) {
+                        let place = format!("{} of {}:", guide.step + 1, guide.steps.len());
+                        ui.label(RichText::new(place).color(Color32::from_gray(160)));
+                        ui.label(RichText::new(step).color(Color32::WHITE));
+                    }
+                    for (what, amount) in &guide.errors {
+                        ui.label(RichText::new(format!("{what} {amount}")).color(Color32::from_rgb(255, 160, 60)));
+                    }
+                });
+            });
+        });
+    }
+    if !notices.0.is_empty() {
+        egui::Area::new("notices".into()).anchor(Align2::LEFT_BOTTOM, [10.0, -60.0]).show(context, |ui| {
+            ui.set_max_width(640.0);
+            back.show(ui, |ui| {
+                notices.0.iter().for_each(|notice| {
+                    ui.label(RichText::new(notice).color(Color32::from_rgb(255, 190, 110)));
+                });
+            });
+        });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clocks() {
+        let times = [(0.0, "0:00.0"), (9.99, "0:09.9"), (61.25, "1:01.2"), (3600.0, "60:00.0"), (-1.0, "0:00.0")];
+        times.into_iter().for_each(|(s, text)| assert_eq!(clock(s), text));
+    }
+}
