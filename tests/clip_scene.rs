@@ -54,7 +54,9 @@ fn perform(changes: &[(&str, &str)]) -> Outcome {
     for (organ, mesh, state) in organs.iter(world) {
         assert!(mesh.0.nodes().all(|n| state.position(n).is_finite()), "{}", organ.name);
     }
-    let closes = world.query::<&Clip>().iter(world).map(|c| c.closes).collect();
+    let mut clips: Vec<_> = world.query::<(Entity, &Clip)>().iter(world).map(|(e, c)| (e, c.closes)).collect();
+    clips.sort_by_key(|c| c.0);
+    let closes = clips.into_iter().map(|c| c.1).collect();
     let vessel = world.query::<&Vessel>().iter(world).next().unwrap().clone();
     let world = app.world();
     Outcome {
@@ -95,8 +97,15 @@ fn without_clips_it_bleeds_by_the_law() {
 /// A clip that does not reach across the whole artery is misplaced, and what it leaves open bleeds.
 #[test]
 fn a_clip_half_across_leaks() {
-    let it = perform(&[("(-0.0060, 0.0128, 0.0)", "(-0.0060, 0.0128, 0.0025)"), ("(0.0060, 0.0128, 0.0)", "(0.0060, 0.0128, 0.0025)")]);
+    let it = perform(&[("(-0.0060, 0.0128, 0.0)", "(-0.0060, 0.0128, 0.0030)"), ("(0.0060, 0.0128, 0.0)", "(0.0060, 0.0128, 0.0030)")]);
     println!("{:?}, closes {:?}, {} ml/min", it.clips, it.closes, it.bleeding.rate_ml_min);
-    assert!(it.clips.set == 2 && it.clips.misplaced == 2, "{:?}", it.clips);
-    assert!(it.bleeding.rate_ml_min > 1.0 && it.closes.iter().all(|c| *c < 0.9));
+    // The jaws come at a slant, so that each of them is off by another part.
+    assert!(it.clips.set == 2 && it.clips.misplaced >= 1 && it.clips.dropped == 0, "{:?}", it.clips);
+    let partly = it.closes.iter().filter(|c| (0.05..0.999).contains(*c)).count();
+    assert_eq!(partly as u32, it.clips.misplaced);
+    // The first is on the near end's side of the cut, the second on the far one's: what flows past each is by the law of what it leaves open.
+    let lumen = std::f64::consts::PI * f64::from(it.vessel.radius_m).powi(2);
+    let ends = [it.vessel.near, it.vessel.far];
+    let by_law: f64 = it.closes.iter().zip(&ends).map(|(closes, end)| flow_ml_min(end, f64::from(1.0 - closes) * lumen)).sum();
+    assert!((f64::from(it.bleeding.rate_ml_min) / by_law - 1.0).abs() < 1e-3, "{} by the law {by_law}", it.bleeding.rate_ml_min);
 }
