@@ -71,6 +71,14 @@ pub fn draw_results(
         .collapsible(false)
         .default_width(400.0)
         .show(context, |ui| {
+            ui.horizontal(|ui| {
+                shut = ui.button("Back (F4)").clicked();
+                save = ui.button("Save the page (F5)").clicked();
+            });
+            if let Some(saved) = &sheet.saved {
+                ui.label(saved);
+            }
+            ui.separator();
             egui::ScrollArea::vertical().max_height(tall).show(ui, |ui| sheet.tables.iter().for_each(|table| show_table(ui, table)));
             ui.separator();
             for (colour, means) in &sheet.legend {
@@ -80,13 +88,6 @@ pub fn draw_results(
                     ui.painter().rect_filled(place, 2.0, Color32::from_rgb(r, g, b));
                     ui.label(means);
                 });
-            }
-            ui.horizontal(|ui| {
-                shut = ui.button("Back (F4)").clicked();
-                save = ui.button("Save the page (F5)").clicked();
-            });
-            if let Some(saved) = &sheet.saved {
-                ui.label(saved);
             }
         });
     results.save |= save;

@@ -43,6 +43,8 @@ pub struct StartScreen {
     pub wanted: Option<usize>,
     /// Whether the simulation stood when the screen was opened.
     was_paused: bool,
+    /// Whether a key has moved the choice, which is to be brought into sight.
+    moved: bool,
 }
 
 /// The pictures of the scenes as egui has them.
@@ -79,6 +81,7 @@ impl StartScreen {
     /// What a key does while the screen is shown.
     fn press(&mut self, key: KeyCode, control: &mut SimulationControl) {
         let last = self.scenes.len().saturating_sub(1);
+        self.moved |= matches!(key, KeyCode::ArrowDown | KeyCode::ArrowUp);
         match key {
             KeyCode::ArrowDown => self.chosen = (self.chosen + 1).min(last),
             KeyCode::ArrowUp => self.chosen = self.chosen.saturating_sub(1),
@@ -119,6 +122,7 @@ pub fn draw_start(
         thumbnails.0.push(image.map(|handle| (contexts.add_image(EguiTextureHandle::Strong(handle.clone())), handle)));
     }
     let context = contexts.ctx_mut()?;
+    let moved = std::mem::take(&mut start.moved);
     let screen = context.content_rect();
     let window = egui::Window::new("Scenes").anchor(Align2::CENTER_CENTER, [0.0, 0.0]).resizable(false).collapsible(false);
     let size = egui::vec2((screen.width() - 60.0).min(860.0), (screen.height() - 90.0).min(590.0));
@@ -128,7 +132,11 @@ pub fn draw_start(
         egui::ScrollArea::vertical().max_height(list).min_scrolled_height(list).auto_shrink([false, false]).show(ui, |ui| {
             for i in 0..start.scenes.len() {
                 let picture = thumbnails.0.get(i).and_then(|t| t.as_ref().map(|(id, _)| *id));
-                if show_card(ui, &start.scenes[i], i == start.chosen, picture) {
+                let response = show_card(ui, &start.scenes[i], i == start.chosen, picture);
+                if moved && i == start.chosen {
+                    response.scroll_to_me(None);
+                }
+                if response.clicked() {
                     if start.chosen == i {
                         start.wanted = Some(i);
                     }
@@ -152,8 +160,7 @@ pub fn draw_start(
     Ok(())
 }
 
-/// Whether the card was clicked.
-fn show_card(ui: &mut Ui, card: &SceneCard, chosen: bool, picture: Option<egui::TextureId>) -> bool {
+fn show_card(ui: &mut Ui, card: &SceneCard, chosen: bool, picture: Option<egui::TextureId>) -> egui::Response {
     let fill = if chosen { Color32::from_rgb(0, 62, 92) } else { Color32::from_gray(34) };
     let frame = egui::Frame::new().fill(fill).inner_margin(8.0).corner_radius(4.0);
     let shown = frame.show(ui, |ui| {
@@ -177,11 +184,7 @@ fn show_card(ui: &mut Ui, card: &SceneCard, chosen: bool, picture: Option<egui::
             });
         });
     });
-    let response = shown.response.interact(egui::Sense::click());
-    if chosen && ui.input(|input| input.pointer.delta() == egui::Vec2::ZERO) {
-        response.scroll_to_me(None);
-    }
-    response.clicked()
+    shown.response.interact(egui::Sense::click())
 }
 
 fn show_settings(ui: &mut Ui, start: &mut StartScreen) {

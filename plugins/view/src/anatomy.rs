@@ -24,7 +24,8 @@ pub fn draw_anatomy(
     come: Query<(Entity, &Anatomy, &Transform), Added<Anatomy>>,
     mut gone: RemovedComponents<Anatomy>,
 ) {
-    if gone.read().next().is_some() {
+    // All are read: what is left over would take the extent of those that come now in the next frame.
+    if gone.read().count() > 0 {
         extent.0 = None;
     }
     for (entity, anatomy, place) in &come {
@@ -105,6 +106,31 @@ mod tests {
         assert_eq!(drawn.iter(&world).copied().collect::<Vec<_>>(), [place]);
         let Some((low, high)) = world.resource::<AnatomyBounds>().0 else { panic!("there is anatomy") };
         assert!(low.distance(Vec3::new(1.0, 0.0, -1.0)) < 1e-6 && high.distance(Vec3::new(3.0, 1.0, -1.0)) < 1e-6, "{low} {high}");
+    }
+
+    /// When a scene of several pieces was started over their extent was once lost in the frame after: the drape was drawn over them.
+    #[test]
+    fn the_extent_of_anatomy_outlives_a_restart() {
+        let mut world = World::new();
+        world.init_resource::<Assets<Mesh>>();
+        world.init_resource::<Assets<StandardMaterial>>();
+        world.init_resource::<AnatomyBounds>();
+        let surface = PartMesh { vertices: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0]], normals: Vec::new(), indices: vec![0, 1, 2] };
+        let spawn = |world: &mut World| {
+            let piece = |_| (Anatomy { name: "bone".into(), surface: surface.clone(), colour: [1.0; 3] }, Transform::IDENTITY);
+            (0..3).map(piece).map(|piece| world.spawn(piece).id()).collect::<Vec<_>>()
+        };
+        let draw = world.register_system(draw_anatomy);
+        let old = spawn(&mut world);
+        assert!(world.run_system(draw).is_ok());
+        for piece in old {
+            world.despawn(piece);
+        }
+        spawn(&mut world);
+        for _ in 0..3 {
+            assert!(world.run_system(draw).is_ok());
+            assert!(world.resource::<AnatomyBounds>().0.is_some());
+        }
     }
 
     #[test]
