@@ -13,6 +13,7 @@ struct Outcome {
     clips: ClipReport,
     bleeding: BleedReport,
     vessel: Vessel,
+    /// What each clip closes of the vessel, from the left to the right.
     closes: Vec<f32>,
     /// Pieces of the artery that are not connected.
     pieces: u32,
@@ -54,8 +55,8 @@ fn perform(changes: &[(&str, &str)]) -> Outcome {
     for (organ, mesh, state) in organs.iter(world) {
         assert!(mesh.0.nodes().all(|n| state.position(n).is_finite()), "{}", organ.name);
     }
-    let mut clips: Vec<_> = world.query::<(Entity, &Clip)>().iter(world).map(|(e, c)| (e, c.closes)).collect();
-    clips.sort_by_key(|c| c.0);
+    let mut clips: Vec<_> = world.query::<&Clip>().iter(world).map(|c| (c.pose.translation.x, c.closes)).collect();
+    clips.sort_by(|a, b| a.0.total_cmp(&b.0));
     let closes = clips.into_iter().map(|c| c.1).collect();
     let vessel = world.query::<&Vessel>().iter(world).next().unwrap().clone();
     let world = app.world();
@@ -103,7 +104,7 @@ fn a_clip_half_across_leaks() {
     assert!(it.clips.set == 2 && it.clips.misplaced >= 1 && it.clips.dropped == 0, "{:?}", it.clips);
     let partly = it.closes.iter().filter(|c| (0.05..0.999).contains(*c)).count();
     assert_eq!(partly as u32, it.clips.misplaced);
-    // The first is on the near end's side of the cut, the second on the far one's: what flows past each is by the law of what it leaves open.
+    // The left one is on the near end's side of the cut, the right one on the far one's: what flows past each is by the law of what it leaves open.
     let lumen = std::f64::consts::PI * f64::from(it.vessel.radius_m).powi(2);
     let ends = [it.vessel.near, it.vessel.far];
     let by_law: f64 = it.closes.iter().zip(&ends).map(|(closes, end)| flow_ml_min(end, f64::from(1.0 - closes) * lumen)).sum();
