@@ -28,9 +28,9 @@ pub fn show_help(context: &egui::Context, keys: &KeyMap) {
     egui::Window::new("Hands and keys").anchor(Align2::CENTER_CENTER, [0.0, 0.0]).resizable(false).collapsible(false).show(context, |ui| {
         egui::ScrollArea::vertical().max_height(most).show(ui, |ui| {
             ui.horizontal_top(|ui| {
-                ui.vertical(|ui| show_steps(ui));
+                ui.vertical(show_steps);
                 ui.separator();
-                ui.vertical(|ui| show_gamepad(ui));
+                ui.vertical(show_gamepad);
             });
             ui.separator();
             show_keys(ui, keys);
