@@ -25,17 +25,23 @@ pub const GAMEPAD: [(&str, &str, &str); 5] = [
 /// The window of help.
 pub fn show_help(context: &egui::Context, keys: &KeyMap) {
     let most = context.content_rect().height() - 80.0;
-    egui::Window::new("Hands and keys").anchor(Align2::CENTER_CENTER, [0.0, 0.0]).resizable(false).collapsible(false).show(context, |ui| {
-        egui::ScrollArea::vertical().max_height(most).show(ui, |ui| {
-            ui.horizontal_top(|ui| {
-                ui.vertical(|ui| show_steps(ui));
+    egui::Window::new("Hands and keys")
+        .anchor(Align2::CENTER_CENTER, [0.0, 0.0])
+        .resizable(false)
+        .collapsible(false)
+        .min_width(880.0)
+        .show(context, |ui| {
+            egui::ScrollArea::vertical().max_height(most).show(ui, |ui| {
+                ui.horizontal_top(|ui| {
+                    ui.vertical(show_steps);
+                    // A line between them would be as high as the window may become.
+                    ui.add_space(20.0);
+                    ui.vertical(show_gamepad);
+                });
                 ui.separator();
-                ui.vertical(|ui| show_gamepad(ui));
+                show_keys(ui, keys);
             });
-            ui.separator();
-            show_keys(ui, keys);
         });
-    });
 }
 
 fn show_steps(ui: &mut Ui) {

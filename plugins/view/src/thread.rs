@@ -41,7 +41,7 @@ pub fn draw_sutures(
             let part = i as f32 / RINGS as f32;
             let (sin, cos) = (needle.arc_rad * part).sin_cos();
             // The wire is a little thinner at the swage and ends in a point.
-            let thickness = ((1.0 - part) / TAPER).min(1.0).max(0.02) * (0.8 + 4.0 * part).min(1.0);
+            let thickness = ((1.0 - part) / TAPER).clamp(0.02, 1.0) * (0.8 + 4.0 * part).min(1.0);
             (needle.radius_m * Vec3::new(cos, sin, 0.0), needle.wire_radius_m * thickness)
         });
         let mut mesh = empty();

@@ -2,7 +2,7 @@
 
 use bevy_math::Vec2;
 use keyhole_assessment::recording::{
-    Event, Header, Recording, RecordingError, RecordingWriter, SceneIdentity, StateDigest, TickInput, state_digest,
+    Event, FORMAT, Header, Recording, RecordingError, RecordingWriter, SceneIdentity, StateDigest, TickInput, state_digest,
 };
 use keyhole_whiteboard::{AxisInput, CutMethod, CutPattern, CutSettings, DeviceHand, DeviceHands, Hand, HandInput, Moved};
 use proptest::prelude::*;
@@ -176,7 +176,7 @@ fn another_version_is_refused_by_name() {
     // The version of the program alone.
     let mut newer = bytes.clone();
     newer[13] += 1;
-    assert!(matches!(Recording::parse(&newer), Err(RecordingError::OtherVersion { format: 1, .. })));
+    assert!(matches!(Recording::parse(&newer), Err(RecordingError::OtherVersion { format: FORMAT, .. })));
     assert!(matches!(Recording::parse(b"RIFF"), Err(RecordingError::NoRecording)));
 }
 
