@@ -1,7 +1,5 @@
-//! A robot without sense in the default scene: it pushes, pulls and cuts at random, and nothing leaves the finite numbers, fails or grows.
-//!
-//! How deep bodies are in each other when all is still and how far an organ was stretched is printed and not judged yet: a loose sliver between cut faces
-//! and a tool can be several times as long as it should be for some ticks, and one flap was found 6 mm in itself.
+//! A robot without sense in the default scene: it pushes, pulls and cuts at random, and nothing leaves the finite numbers, fails, grows, is torn out of shape or
+//! lies in something else when all is still.
 //!
 //! `KEYHOLE_ROBOT_SECONDS` (simulated; default 24) and `KEYHOLE_ROBOT_SEED` choose another run.
 #![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
@@ -22,6 +20,10 @@ use proptest::test_runner::{RngAlgorithm, TestRng};
 const SLICE_M: f32 = 0.012;
 /// Seconds at the end of each minute, or of a shorter run, in which the hands are away and nothing is asked of the tissue.
 const REST_S: f64 = 4.0;
+/// How deep a point may be in something when the hands have been away for so long, m.
+const DEEPEST_AT_REST_M: f32 = 0.002;
+/// How many times as long as at rest an organ or a piece may be: hands that pull at both ends of a soft piece make it twice as long.
+const MOST_STRETCHED: f32 = 3.0;
 /// Cuts are made in the first half only: in the second the meshes stay as they are, and so must the memory.
 const CUTTING_SHARE: f64 = 0.5;
 
@@ -249,6 +251,8 @@ fn a_random_robot_breaks_nothing() {
         assert!(count > 0, "no contact with {what} in {seconds} s");
     }
     assert!(status.strokes > 0 && status.fragments > 0, "{status:?}");
+    assert!(tally.deepest_at_rest_m <= DEEPEST_AT_REST_M, "{} m at rest: {}", tally.deepest_at_rest_m, tally.deepest_at_rest);
+    assert!(tally.most_stretched <= MOST_STRETCHED, "{} times: {}", tally.most_stretched, tally.stretched);
     // The meshes of the second half do not change; a run of a minute has only one measurement.
     let settled: Vec<u64> = memory.iter().filter(|m| m.0 > CUTTING_SHARE * seconds + 60.0).filter_map(|m| m.1).collect();
     if let (Some(first), Some(last)) = (settled.first(), settled.last()) {

@@ -46,6 +46,9 @@ const TOUCHING_ENOUGH: f64 = 0.004;
 /// The same that is too much after all steps. Below it momentum is balanced, and the shape is left for the next tick.
 const TOUCHING_WILD: f64 = 4.0;
 
+/// The same of a stage that leads away, if it is more than there was before the step: where that leads no further step brings it back from.
+const LOST: f64 = 100.0;
+
 /// So many times the iterations that a stage may take goes one with contacts on with, all its steps together. What is left then is left for the next tick:
 /// an organ of ten thousand elements that is pushed, folded and pulled at once would take ten ticks' time to balance.
 const BUDGET: u32 = 1;
@@ -375,6 +378,11 @@ pub(crate) fn minimise(
                 look(parts, touches, weights);
                 let size = with_equations(parts, |equations| touches.size(equations));
                 let left = size / before;
+                if !touches.is_empty() && !(left <= LOST.max(solved.before / before)) {
+                    return Err(Astray::Wild);
+                }
+                // A tangent that did not lead nearer is no good any more.
+                stale |= size > solved.before;
                 let enough = if touches.push() { TOUCHING_ENOUGH } else { ENOUGH };
                 if left <= enough || size <= ROUNDING * stop.least {
                     if recapped || !touches.recap() {
