@@ -228,7 +228,6 @@ impl Scene {
             // Clips that close on nothing drop.
             rigid: self.clips(),
             suturing: !self.sutures.is_empty(),
-            ..SceneRequirements::default()
         }
     }
 }

@@ -378,7 +378,7 @@ pub(crate) fn minimise(
                 look(parts, touches, weights);
                 let size = with_equations(parts, |equations| touches.size(equations));
                 let left = size / before;
-                if !touches.is_empty() && !(left <= LOST.max(solved.before / before)) {
+                if !touches.is_empty() && (left.is_nan() || left > LOST.max(solved.before / before)) {
                     return Err(Astray::Wild);
                 }
                 // A tangent that did not lead nearer is no good any more.
