@@ -7,7 +7,7 @@ use keyhole::simulation::{Output, Settings, faults, simulation};
 use keyhole_tissue::TissueReport;
 use keyhole_whiteboard::{Contacts, Obstacle, TissueState};
 
-/// A piece of 28 x 10 x 12 mm falls 20 mm onto a table; a grasper from above takes it by its sides.
+/// A piece of 28 x 10 x 12 mm falls 20 mm onto a table; a grasper from above takes it by its sides, without crushing it.
 const SCENE: &str = r#"
 (
     version: 1,
@@ -18,7 +18,7 @@ const SCENE: &str = r#"
         (
             name: "piece",
             shape: Block(size: (0.028, 0.010, 0.012), cells: (11, 4, 5)),
-            materials: [(name: "piece", young_modulus_pa: 15000.0, poisson_ratio: 0.45, density_kg_m3: 1050.0, inside: (0.6, 0.2, 0.15), surface: (0.7, 0.4, 0.3))],
+            materials: [(name: "piece", young_modulus_pa: 30000.0, poisson_ratio: 0.45, density_kg_m3: 1050.0, inside: (0.6, 0.2, 0.15), surface: (0.7, 0.4, 0.3))],
             transform: (translation: (0.0, 0.025, 0.0)),
         ),
     ],
@@ -37,11 +37,11 @@ const SCENE: &str = r#"
             (hand: Left, keys: [
                 (time_s: 0.0, tip: (0.0, 0.060, 0.0)),
                 (time_s: 1.0, tip: (0.0, 0.060, 0.0)),
-                (time_s: 1.8, tip: (0.0, 0.005, 0.0)),
-                (time_s: 2.3, tip: (0.0, 0.005, 0.0), grip: 1.0),
-                (time_s: 2.6, tip: (0.0, 0.005, 0.0), grip: 1.0),
-                (time_s: 4.0, tip: (0.035, 0.050, 0.0), grip: 1.0),
-                (time_s: 5.0, tip: (0.035, 0.050, 0.0), grip: 1.0),
+                (time_s: 1.8, tip: (0.0, 0.0035, 0.0)),
+                (time_s: 2.3, tip: (0.0, 0.0035, 0.0), grip: 0.9),
+                (time_s: 2.6, tip: (0.0, 0.0035, 0.0), grip: 0.9),
+                (time_s: 4.0, tip: (0.035, 0.050, 0.0), grip: 0.9),
+                (time_s: 5.0, tip: (0.035, 0.050, 0.0), grip: 0.9),
             ]),
         ],
         view: [(time_s: 0.0, target: (0.01, 0.015, 0.0), distance_m: 0.110)],

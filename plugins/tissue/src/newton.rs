@@ -47,7 +47,7 @@ const TOUCHING_ENOUGH: f64 = 0.004;
 const TOUCHING_WILD: f64 = 4.0;
 
 /// The same of a stage that leads away, if it is more than there was before the step: where that leads no further step brings it back from.
-const LOST: f64 = 100.0;
+const LOST: f64 = 1e6;
 
 /// So many times the iterations that a stage may take goes one with contacts on with, all its steps together. What is left then is left for the next tick:
 /// an organ of ten thousand elements that is pushed, folded and pulled at once would take ten ticks' time to balance.
