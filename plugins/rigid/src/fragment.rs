@@ -37,20 +37,18 @@ pub fn node_masses(mesh: &TetMesh, materials: &OrganMaterials) -> Vec<f64> {
 pub fn freeze(masses: &[f64], state: &TissueState) -> Option<Frozen> {
     let nodes = || masses.iter().zip(&state.positions).zip(&state.velocities).map(|((m, x), v)| (*m, x.as_dvec3(), v.as_dvec3()));
     let Mass { mass_kg, centre, inertia } = Mass::of_points(nodes().map(|(m, x, _)| (m, x)));
-    // Positions are rounded to the frame's: what is about that centre is what comes back.
-    let centre = centre.as_vec3();
-    let about = centre.as_dvec3();
     let linear = nodes().map(|(m, _, v)| v * m).sum::<DVec3>() / mass_kg;
-    let angular_momentum: DVec3 = nodes().map(|(m, x, v)| (x - about).cross((v - linear) * m)).sum();
+    let angular_momentum: DVec3 = nodes().map(|(m, x, v)| (x - centre).cross((v - linear) * m)).sum();
     let angular = inverse(inertia)? * angular_momentum;
     let mass = RigidMass { mass_kg: mass_kg as f32, centre: Vec3::ZERO, inertia_kg_m2: inertia.as_mat3() };
     let pose = RigidPose {
         linear_m_s: linear.as_vec3(),
         angular_rad_s: angular.as_vec3(),
-        ..RigidPose::at_rest(Isometry3d::from_translation(centre))
+        ..RigidPose::at_rest(Isometry3d::from_translation(centre.as_vec3()))
     };
     let finite = mass_kg > 0.0 && pose.linear_m_s.is_finite() && pose.angular_rad_s.is_finite() && centre.is_finite();
-    finite.then(|| Frozen { local: state.positions.iter().map(|x| *x - centre).collect(), mass, pose })
+    // About the centre itself, not about the place that the frame is rounded to: else a spin would have momentum.
+    finite.then(|| Frozen { local: state.positions.iter().map(|x| (x.as_dvec3() - centre).as_vec3()).collect(), mass, pose })
 }
 
 /// Puts the nodes of a frozen body where its pose has them, each with the velocity of the rigid motion there.

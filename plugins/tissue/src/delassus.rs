@@ -10,7 +10,7 @@
 //! them, and could do hardly anything.
 
 use crate::gradients::Equation;
-use crate::multilevel::{Lever, RIGID, dot};
+use crate::multilevel::{Lever, RIGID, dot, solve_dense};
 use crate::newton::Part;
 use crate::touch::Touch;
 use bevy_math::Vec3A;
@@ -159,7 +159,7 @@ impl Delassus {
         for (to, row) in self.solution.iter_mut().zip(&self.rows) {
             *to = self.arms[row.clone()].iter().map(|a| a.force.dot(equations[a.part as usize].at(a.node as usize))).sum();
         }
-        solve(&self.factor, &mut self.solution);
+        solve_dense(&self.factor, self.rows.len(), &mut self.solution);
         self.before.clear();
         for (w, row) in self.solution.iter().zip(&self.rows) {
             for a in &self.arms[row.clone()] {
@@ -195,19 +195,5 @@ fn factor(m: &mut [f32], order: usize) {
         }
         // No pivot is less than one but by rounding.
         row[q] = (row[q] - dot(&row[..q], &row[..q])).max(1.0).sqrt().recip();
-    }
-}
-
-fn solve(m: &[f32], b: &mut [f32]) {
-    let order = b.len();
-    for q in 0..order {
-        let row = &m[q * order..=q * order + q];
-        b[q] = (b[q] - dot(&row[..q], &b[..q])) * row[q];
-    }
-    for q in (0..order).rev() {
-        let row = &m[q * order..=q * order + q];
-        let v = b[q] * row[q];
-        b[q] = v;
-        b[..q].iter_mut().zip(&row[..q]).for_each(|(b, m)| *b -= *m * v);
     }
 }

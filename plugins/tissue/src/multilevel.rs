@@ -387,7 +387,8 @@ fn factor_dense(m: &mut [f32], inertia: &[f32]) {
     }
 }
 
-fn solve_dense(m: &[f32], order: usize, b: &mut [f32]) {
+/// Solves with the factor of a dense matrix by rows, the diagonal of which is its inverse.
+pub(crate) fn solve_dense(m: &[f32], order: usize, b: &mut [f32]) {
     for q in 0..order {
         let row = &m[q * order..=q * order + q];
         b[q] = (b[q] - dot(&row[..q], &b[..q])) * row[q];
