@@ -13,6 +13,8 @@ use keyhole_whiteboard::{CutMethod, Hand, ViewMode};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+/// The picture of what was resected in the colours of its margin.
+pub const MARGIN: &str = "4_margin.png";
 /// Ticks between two frames unless it is said otherwise: ten frames a simulated second.
 pub const TICKS_PER_FRAME: u64 = TICKS_PER_SECOND as u64 / 10;
 
@@ -144,7 +146,7 @@ pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(
         && let Some(from) = viewpoint(app.world(), &found.pieces)
     {
         app.insert_resource(paint(&found.pieces));
-        take_pictures(&mut app, [PictureRequest { path: folder.join("4_margin.png"), of: PictureOf::Specimen(from) }])?;
+        take_pictures(&mut app, [PictureRequest { path: folder.join(MARGIN), of: PictureOf::Specimen(from) }])?;
     }
     Ok(Outcome { summary: recorder.summary(app.world_mut()), costs: recorder.costs().clone(), replayed, assessed })
 }

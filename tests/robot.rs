@@ -231,6 +231,7 @@ fn a_random_robot_breaks_nothing() {
             let world = app.world_mut();
             let tets = world.query::<&TissueMesh>().iter(world).map(|m| m.0.tet_count()).sum();
             memory.push((tick as f64 / TICKS_PER_SECOND, resident_bytes(), tets));
+            println!("after {} of {ticks} ticks: {tally:?}", tick + 1);
         }
     }
     let status = app.world().resource::<CutStatus>();
