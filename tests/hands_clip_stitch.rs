@@ -114,18 +114,20 @@ fn two_handles_clip_an_artery_twice_and_cut_between_the_clips() {
     assert_eq!(bench.get::<BleedReport>(), BleedReport::default(), "not a drop");
 }
 
-/// The same without the second clip: the end that it would have closed bleeds by the law, the other one does not.
+/// The same without the second clip: the end that it would have closed bleeds as what is cut through does by the law, the other one does not.
 #[test]
 fn without_the_second_clip_the_far_end_bleeds() {
     let theatre = load("clip_and_cut.scene.ron");
     let [mut right, mut left] = keys(&theatre);
     // The left hand goes back when it has set the first clip, and the right one does not wait for a second.
     left.retain(|key| key.time_s < 4.5);
+    let back = HandKey { time_s: 4.6, ..left[0] };
+    left.push(back);
     right.retain(|key| key.time_s != 0.0);
     right.iter_mut().for_each(|key| key.time_s -= 2.8);
     let mut bench = Bench::new(theatre, [right, left]);
     bench.until(7.0);
-    assert_eq!((bench.get::<ClipReport>(), bench.get::<CutStatus>().fragments), (ClipReport { set: 1, ..default() }, 1));
+    assert_eq!(bench.get::<ClipReport>(), ClipReport { set: 1, ..default() });
     let (bleeding, vessel): (BleedReport, Vessel) = (bench.get(), {
         let world = bench.app.world_mut();
         world.query::<&Vessel>().iter(world).next().unwrap().clone()
@@ -154,6 +156,9 @@ fn edges(bench: &mut Bench) -> ([f32; 2], f32) {
     ([a.rest.distance(b.rest), a.anchor.distance(b.anchor)], knot.at_m[1] - knot.at_m[0])
 }
 
+/// How far the far side of each edge is drawn away to try a knot, m.
+const DRAWN_M: f32 = 0.025;
+
 /// Two handles stitch both edges and tie so many throws, the last of which is tight at `tied_s`; then the hands let go and the edges are drawn apart. Gives how far apart the bites
 /// were at rest, once the hands had let go and at the end, and how far the knot has slipped, m.
 fn tied(throws: usize, tied_s: f64) -> ([f32; 3], f32) {
@@ -169,14 +174,14 @@ fn tied(throws: usize, tied_s: f64) -> ([f32; 3], f32) {
     assert_eq!((bites.held.len(), bites.torn.len()), (2, 0), "{bites:?}");
     assert!(knots.tied.len() == 1 && knots.tied[0].throws.len() == throws, "{knots:?}");
     let ([rest, together], loop_m) = edges(&mut bench);
-    let ticks = 1.5 * TICKS_PER_SECOND as f32;
+    let ticks = 2.0 * TICKS_PER_SECOND as f32;
     for _ in 0..ticks as u32 {
         let world = bench.app.world_mut();
         for (organ, mut attachments) in world.query::<(&Organ, &mut Attachments)>().iter_mut(world) {
             let side = if organ.name == "left edge" { -1.0 } else { 1.0 };
             for a in attachments.0.iter_mut().filter(|a| a.until_s.is_infinite()) {
                 if let Anchor::Space(place) = &mut a.anchor {
-                    place.x += side * 0.006 / ticks;
+                    place.x += side * DRAWN_M / ticks;
                 }
             }
         }
@@ -198,8 +203,8 @@ fn two_handles_tie_a_single_throw_that_slips_and_a_double_one_that_holds() {
     for [rest, together, _] in [single, double] {
         assert!(together < 0.8 * rest, "{together} m of {rest} m");
     }
-    assert!(slipped_m > 0.002, "a single throw slips: {slipped_m} m");
-    assert!(held_m.abs() < 1e-4, "a double one holds: {held_m} m");
+    assert!(slipped_m > 0.0004, "a single throw slips: {slipped_m} m");
+    assert!(held_m.abs() < 1e-6, "a double one holds: {held_m} m");
     assert!(double[2] < single[2], "{double:?} {single:?}");
 }
 
