@@ -12,7 +12,7 @@ use keyhole::Theatre;
 use keyhole::simulation::{Output, Settings, TICKS_PER_SECOND, faults, simulation};
 use keyhole_clipping::bleed::flow_ml_min;
 use keyhole_instruments::{HandKey, HandTrack, PortFrame, Script, TrocarState, cutting_line, working_reach};
-use keyhole_scene::SceneHand;
+use keyhole_scene::{SceneHand, SceneInstrumentKind};
 use keyhole_whiteboard::{
     Anchor, Attachments, Bites, BleedReport, Clip, ClipReport, CutStatus, DeviceCondition, DeviceStatus, Hand, HoleKind, Knots, Needle,
     Organ, SutureReport, Vessel,
@@ -137,6 +137,43 @@ fn without_the_second_clip_the_far_end_bleeds() {
     println!("{site:?}, by the law {by_law} ml/min; {} ml lost", bleeding.lost_ml);
     assert!(site.towards.x < -0.5 && (f64::from(site.rate_ml_min) / by_law - 1.0).abs() < 1e-3, "{site:?}");
     assert!(bleeding.lost_ml > 0.2);
+}
+
+/// An artery whose blood comes from the far end alone is cut without a clip; the left hand has a suction in the place of the applier and holds it open in the pool from 4.5 s on. What
+/// was lost lies there until then, and is aspirated afterwards; the loss is what it would be without.
+#[test]
+fn a_pedal_aspirates_what_bleeds() {
+    let bled = |pedal: bool| {
+        let mut theatre = load("clip_and_cut.scene.ron");
+        theatre.scene.organs[0].vessel.as_mut().unwrap().near.supply_ml_min = 0.0;
+        let applier = theatre.scene.instruments.iter_mut().find(|i| i.hand == SceneHand::Left).unwrap();
+        (applier.kind, applier.clips) = (SceneInstrumentKind::Suction, None);
+        let [mut right, _] = keys(&theatre);
+        right.retain(|key| key.time_s != 0.0);
+        right.iter_mut().for_each(|key| key.time_s -= 6.4);
+        let key = |time_s, tip, active| HandKey { time_s, tip, roll_rad: 0.0, grip: 0.0, active };
+        // Where blood comes down that leaves the far stump to the left, a millimetre above the bed.
+        let (aside, pool) = (Vec3::new(-0.0145, 0.026, 0.04), Vec3::new(-0.004, 0.001, 0.0));
+        let left =
+            vec![key(0.0, aside, false), key(3.6, aside, false), key(4.3, pool, false), key(4.5, pool, pedal), key(6.0, pool, pedal)];
+        let mut bench = Bench::new(theatre, [right, left]);
+        bench.until(4.4);
+        let before: BleedReport = bench.get();
+        assert_eq!(before.aspirated_ml, 0.0);
+        bench.until(5.9);
+        (before, bench.get::<BleedReport>())
+    };
+    let (before, taken) = bled(true);
+    let (_, left) = bled(false);
+    println!("{before:?}\n{taken:?}\n{left:?}");
+    assert!(before.pooled_ml() > 0.1 && before.pools.len() == 1, "{:?}", before.pools);
+    for report in [&before, &taken, &left] {
+        let known = report.pooled_ml() + report.aspirated_ml + report.gone_ml;
+        assert!((known / report.lost_ml - 1.0).abs() < 1e-6, "{known} ml of {} ml", report.lost_ml);
+    }
+    // A suction that is as fast as this one leaves no more than what comes down in a tick.
+    assert!(taken.aspirated_ml > 0.95 * taken.lost_ml && taken.pooled_ml() < 0.02, "{taken:?}");
+    assert!(left.aspirated_ml == 0.0 && (left.lost_ml / taken.lost_ml - 1.0).abs() < 0.02, "{left:?}");
 }
 
 /// Both hands open and go aside once a knot has been pulled tight at `tied_s`.
