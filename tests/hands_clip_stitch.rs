@@ -165,15 +165,24 @@ fn a_pedal_aspirates_what_bleeds() {
     };
     let (before, taken) = bled(true);
     let (_, left) = bled(false);
-    println!("{before:?}\n{taken:?}\n{left:?}");
-    assert!(before.pooled_ml() > 0.1 && before.pools.len() == 1, "{:?}", before.pools);
+    // A little flew elsewhere while the artery was being cut.
+    let largest = |report: &BleedReport| report.pools.iter().map(|pool| pool.ml).fold(0.0, f64::max);
+    println!(
+        "{} ml lost, {} ml aspirated; without {} ml lost, {} ml in the pool",
+        taken.lost_ml,
+        taken.aspirated_ml,
+        left.lost_ml,
+        largest(&left)
+    );
+    assert!(before.lost_ml > 1.0 && largest(&before) > 0.9 * before.lost_ml, "{:?}", before.pools);
     for report in [&before, &taken, &left] {
         let known = report.pooled_ml() + report.aspirated_ml + report.gone_ml;
         assert!((known / report.lost_ml - 1.0).abs() < 1e-6, "{known} ml of {} ml", report.lost_ml);
     }
-    // A suction that is as fast as this one leaves no more than what comes down in a tick.
-    assert!(taken.aspirated_ml > 0.95 * taken.lost_ml && taken.pooled_ml() < 0.02, "{taken:?}");
-    assert!(left.aspirated_ml == 0.0 && (left.lost_ml / taken.lost_ml - 1.0).abs() < 0.02, "{left:?}");
+    // The suction is faster than the bleeding: it leaves no more of the pool than what comes down in a tick.
+    let tick_ml = f64::from(left.rate_ml_min) / 60.0 / TICKS_PER_SECOND;
+    assert!((taken.aspirated_ml - largest(&left)).abs() < 1.01 * tick_ml, "{taken:?}");
+    assert_eq!((left.aspirated_ml, left.lost_ml), (0.0, taken.lost_ml), "no blood is lost less for being aspirated");
 }
 
 /// Both hands open and go aside once a knot has been pulled tight at `tied_s`.

@@ -166,7 +166,7 @@ fn what_bleeds_lies_until_it_is_aspirated() {
         let now = app.world().resource::<BleedReport>().clone();
         let known = now.pooled_ml() + now.aspirated_ml + now.gone_ml;
         assert!((now.lost_ml - known).abs() <= 1e-6 * now.lost_ml, "{} ml were lost, {known} ml are known of", now.lost_ml);
-        assert!(now.aspirated_ml - before.aspirated_ml <= 30.0 / 60.0 + 1e-9);
+        assert!(now.aspirated_ml - before.aspirated_ml <= 1.000_001 * 30.0 / 60.0);
         now
     };
     let lying = (0..60).map(|_| tick(&mut app)).last().unwrap();
@@ -187,7 +187,7 @@ fn what_bleeds_lies_until_it_is_aspirated() {
     app.world_mut().entity_mut(tool).insert(SuctionValve { open: true });
     let taken = (0..30).map(|_| tick(&mut app)).last().unwrap();
     println!("{:?}, {} ml aspirated of {} ml", taken.pools, taken.aspirated_ml, taken.lost_ml);
-    assert!((5.0..15.0 + 1e-9).contains(&taken.aspirated_ml), "{}", taken.aspirated_ml);
+    assert!((5.0..15.001).contains(&taken.aspirated_ml), "{}", taken.aspirated_ml);
     let half_s = f64::from(taken.rate_ml_min) / 60.0 * 30.0 / 60.0;
     let lost = taken.lost_ml - lying.lost_ml;
     assert!((lost / half_s - 50.0 / 30.0).abs() < 1e-3, "{lost} ml in 50 ticks");
