@@ -156,6 +156,9 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
         if kind == InstrumentKind::ClipApplier {
             entity.insert(instrument.clips.unwrap_or_default().applier());
         }
+        if kind == InstrumentKind::Suction {
+            entity.insert(instrument.suction.unwrap_or_default().suction());
+        }
         entity.insert((told, instrument.hand.hand(), port, state));
         rub(&mut entity, instrument.friction);
         if !instrument.exchange.is_empty() {

@@ -1,9 +1,13 @@
 //! Blades in the running application: a pedal that is let go again and again, two blades at once, and a hook that burns a gap.
 #![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
-use bevy::math::DVec3;
+mod common {
+    pub mod cubes;
+}
+
 use bevy::prelude::*;
 use bevy::time::{TimePlugin, TimeUpdateStrategy};
+use common::cubes;
 use keyhole_cutting::CuttingPlugin;
 use keyhole_tetmesh::TetMesh;
 use keyhole_whiteboard::{
@@ -16,31 +20,6 @@ const EDGE: f32 = 0.004;
 const CUBES: [usize; 3] = [6, 4, 4];
 /// Ticks that a blade takes through the block.
 const TICKS: u32 = 80;
-
-/// A block of cubes of five tetrahedra with a corner at the origin.
-fn block() -> TetMesh {
-    let [nx, ny, nz] = CUBES;
-    let id = |i: usize, j: usize, k: usize| (i + (nx + 1) * (j + (ny + 1) * k)) as u32;
-    let mut nodes = Vec::new();
-    for k in 0..=nz {
-        for j in 0..=ny {
-            nodes.extend((0..=nx).map(|i| DVec3::new(i as f64, j as f64, k as f64) * f64::from(EDGE)));
-        }
-    }
-    let mut tets = Vec::new();
-    for (i, j, k) in (0..nx * ny * nz).map(|c| (c % nx, c / nx % ny, c / nx / ny)) {
-        for five in [[0, 1, 2, 4], [3, 1, 7, 2], [5, 1, 4, 7], [6, 2, 7, 4], [1, 2, 4, 7]] {
-            let five = if (i + j + k) % 2 == 0 { five } else { five.map(|b| b ^ 1) };
-            let mut tet = five.map(|b: usize| id(i + (b & 1), j + (b >> 1 & 1), k + (b >> 2 & 1)));
-            let [a, b, c, d] = tet.map(|n| nodes[n as usize]);
-            if (b - a).dot((c - a).cross(d - a)) < 0.0 {
-                tet.swap(0, 1);
-            }
-            tets.push(tet);
-        }
-    }
-    TetMesh::new(nodes, &tets, &[])
-}
 
 /// A blade through the block along x at this height of z (cubes), which cuts in these ticks.
 #[derive(Component)]
@@ -75,7 +54,8 @@ fn cut(ways: Vec<Way>, kerf_m: f32) -> (u32, u32, f64) {
         .insert_resource(SceneRequirements { tissue: true, cutting: true, instruments: true, ..Default::default() })
         .insert_resource(CutSettings::default())
         .add_systems(FixedUpdate, (lead_blades.in_set(TickSystems::Sense), hold_still.in_set(TickSystems::Adopt)));
-    let mesh = block();
+    // A corner at the origin.
+    let mesh = cubes::block(CUBES, |p| p * f64::from(EDGE));
     let volume = |mesh: &TetMesh| mesh.iter().map(|(t, _)| keyhole_tetmesh::quality::volume(mesh.points(t))).sum::<f64>();
     let before = volume(&mesh);
     let world = app.world_mut();

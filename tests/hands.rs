@@ -2,10 +2,16 @@
 //! hand, and what a device at fault does to it. How instruments follow a handle is in `devices.rs`.
 #![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
+mod common {
+    pub mod grasps;
+    pub mod handles;
+}
+
 use bevy::prelude::*;
 use bevy::time::{TimePlugin, TimeUpdateStrategy};
+use common::grasps::{DEEP, Key, TOP, pull_up};
+use common::handles::{device, report};
 use keyhole_grasping::{GraspSettings, GraspingPlugin};
-use keyhole_hid::{DeviceInfo, HidPlugin, Profile, VirtualBus, VirtualDevice, Wire, WireField};
 use keyhole_instruments::{InstrumentsPlugin, PortFrame, TrocarState, working_reach};
 use keyhole_scene::SceneSolid;
 use keyhole_tetmesh::NodeId;
@@ -16,39 +22,10 @@ use keyhole_whiteboard::{
     Port, SceneRequirements, TissueMesh, TissueState, Tray, WhiteboardPlugin,
 };
 use std::ops::Range;
-use std::time::Duration;
-
-const PROFILE: &str = r#"(
-    name: "two handles", matches: [Named("two handles")], rate_hz: 1000.0,
-    hands: [
-        (
-            hand: Right,
-            yaw: (from: Usage(page: 1, usage: 0x30), means: (-60.0, 60.0)),
-            pitch: (from: Usage(page: 1, usage: 0x31), means: (-60.0, 60.0)),
-            insertion: (from: Usage(page: 1, usage: 0x32), means: (0.0, 250.0)),
-            opening: (from: Usage(page: 1, usage: 0x33), means: (0.0, 1.0)),
-        ),
-        (
-            hand: Left,
-            yaw: (from: Usage(page: 1, usage: 0x34), means: (-60.0, 60.0)),
-            pitch: (from: Usage(page: 1, usage: 0x35), means: (-60.0, 60.0)),
-            insertion: (from: Usage(page: 1, usage: 0x36), means: (0.0, 250.0)),
-            opening: (from: Usage(page: 1, usage: 0x37), means: (0.0, 1.0)),
-        ),
-    ],
-)"#;
 
 /// Modulus of soft tissue, and of stuff that hardly gives, Pa.
 const SOFT_PA: f32 = 30_000.0;
 const STIFF_PA: f32 = 1_000_000.0;
-
-/// Height of the tissue's upper face, m.
-const TOP: f32 = 0.02;
-/// How far below it the middle of the pads takes hold, m.
-const DEEP: f32 = 0.008;
-
-/// Where a hand has the point between its pads (m), and its grip, at a time (s).
-type Key = (f64, Vec3, f32);
 
 fn at(way: &[Key], at_s: f64) -> (Vec3, f32) {
     let next = way.iter().position(|k| k.0 > at_s).unwrap_or(way.len());
@@ -66,19 +43,6 @@ fn port(hand: usize) -> Port {
 fn reached(hand: usize, tip: Vec3, grip: f32) -> TrocarState {
     let reach = working_reach(InstrumentKind::Grasper, None);
     PortFrame::of(&port(hand)).reach(tip, reach, &TrocarState { grip, ..default() }).unwrap()
-}
-
-fn wire() -> Wire {
-    let axis = |usage| WireField { usage: (1, usage), bits: 16, least: 0, most: 60_000 };
-    Wire { device: (1, 4), fields: (0x30..0x38).map(axis).collect() }
-}
-
-/// The report of two handles that have their instruments in these states: the handle goes the other way than the tip.
-fn report(states: [TrocarState; 2]) -> Vec<u8> {
-    let count = |part: f32| (f64::from(part) * 60_000.0).round() as i64;
-    let angle = |rad: f32| count((60.0 - rad.to_degrees()) / 120.0);
-    let counts = states.map(|s| [angle(s.yaw_rad), angle(s.pitch_rad), count(s.insertion_m / 0.25), count(1.0 - s.grip)]);
-    wire().report(counts.as_flattened())
 }
 
 /// What the device does besides telling where its handles are.
@@ -110,25 +74,16 @@ impl Theatre {
             Fault::Unplugged(out) => plugged = vec![0.0..out.start, out.end..1e6],
             Fault::Sends(when, what) => (broken, does) = (when, what),
         }
-        let say = move |ms: u64| {
-            let at_s = ms as f64 * 1e-3;
+        let says = move |at_s: f64| {
             let states = [0, 1].map(|hand| {
                 let (tip, grip) = at(&own[hand], at_s);
                 reached(hand, tip, grip)
             });
             let report = report(states);
-            (Duration::from_millis(ms), if broken.contains(&at_s) { does(report) } else { report })
-        };
-        let device = VirtualDevice {
-            info: DeviceInfo { path: "virtual".into(), name: "two handles".into(), ..Default::default() },
-            descriptor: wire().descriptor(),
-            plugged: plugged.iter().map(|p| Duration::from_secs_f64(p.start)..Duration::from_secs_f64(p.end)).collect(),
-            denied: Vec::new(),
-            feed: Box::new((0..).map(say)),
+            if broken.contains(&at_s) { does(report) } else { report }
         };
         let mut app = App::new();
-        let hid = HidPlugin::stepped(VirtualBus::new(vec![device]), vec![Profile::parse("test", PROFILE).unwrap()]);
-        app.add_plugins((TimePlugin, WhiteboardPlugin, InstrumentsPlugin, GraspingPlugin, TissuePlugin, hid))
+        app.add_plugins((TimePlugin, WhiteboardPlugin, InstrumentsPlugin, GraspingPlugin, TissuePlugin, device(&plugged, says)))
             .insert_resource(Time::<Fixed>::from_hz(60.0))
             .insert_resource(TimeUpdateStrategy::FixedTimesteps(1))
             .insert_resource(SceneRequirements { tissue: true, instruments: true, ..default() })
@@ -191,18 +146,6 @@ impl Theatre {
 /// Waits aside with closed jaws.
 fn aside(hand: usize) -> [Key; 1] {
     [(0.0, Vec3::new(if hand == 0 { 0.02 } else { -0.02 }, 0.08, 0.0), 1.0)]
-}
-
-/// Down to the tissue with open jaws, closed, and up by this much in `seconds`.
-fn pull_up(x: f32, by: f32, seconds: f64) -> [Key; 5] {
-    let place = |y: f32| Vec3::new(x, y, 0.0);
-    [
-        (0.0, place(TOP + 0.03), 0.0),
-        (0.5, place(TOP - DEEP), 0.0),
-        (1.0, place(TOP - DEEP), 1.0),
-        (1.5, place(TOP - DEEP), 1.0),
-        (1.5 + seconds, place(TOP - DEEP + by), 1.0),
-    ]
 }
 
 /// The law of friction: along the shaft each pad does at most `friction` times its pressure, less what the pads, which lean towards each other at their tips, press the

@@ -1,9 +1,14 @@
 //! Scissors in tissue: what opens is the wedge between their blades, however fast they close, and a strand between them is cut through.
 #![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
+mod common {
+    pub mod cubes;
+}
+
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy::time::{TimePlugin, TimeUpdateStrategy};
+use common::cubes;
 use keyhole_cutting::CuttingPlugin;
 use keyhole_instruments::tools::{SCISSORS_JAW_M, widest_angle_rad};
 use keyhole_instruments::{HandKey, HandTrack, InstrumentsPlugin, Script, TrocarState};
@@ -16,32 +21,12 @@ use keyhole_whiteboard::{
 /// Edge of the cubes, m.
 const EDGE: f64 = 0.0015;
 
-/// A block of cubes of five tetrahedra, the middle of its near side `ahead` m in front of the scissors' pivot, which is at the origin with
-/// the shaft along -Z.
-fn block([nx, ny, nz]: [usize; 3], ahead: f64) -> TetMesh {
-    let id = |i: usize, j: usize, k: usize| (i + (nx + 1) * (j + (ny + 1) * k)) as u32;
+/// A block of cubes, the middle of its near side `ahead` m in front of the scissors' pivot, which is at the origin with the shaft along -Z.
+fn block(counts: [usize; 3], ahead: f64) -> TetMesh {
+    let [nx, ny, nz] = counts.map(|n| n as f64);
     // A little off the middle: the line runs through no node.
-    let corner = DVec3::new(-0.5 * nx as f64 + 0.2, -0.5 * ny as f64 + 0.3, -(nz as f64)) * EDGE - DVec3::Z * ahead;
-    let mut nodes = Vec::new();
-    for k in 0..=nz {
-        for j in 0..=ny {
-            nodes.extend((0..=nx).map(|i| corner + DVec3::new(i as f64, j as f64, k as f64) * EDGE));
-        }
-    }
-    let mut tets = Vec::new();
-    for (i, j, k) in (0..nx * ny * nz).map(|c| (c % nx, c / nx % ny, c / nx / ny)) {
-        // Corner b of the cube has the bits x, y, z; odd cubes are mirrored so that the diagonals of shared faces agree.
-        for five in [[0, 1, 2, 4], [3, 1, 7, 2], [5, 1, 4, 7], [6, 2, 7, 4], [1, 2, 4, 7]] {
-            let five = if (i + j + k) % 2 == 0 { five } else { five.map(|b| b ^ 1) };
-            let mut tet = five.map(|b: usize| id(i + (b & 1), j + (b >> 1 & 1), k + (b >> 2 & 1)));
-            let [a, b, c, d] = tet.map(|n| nodes[n as usize]);
-            if (b - a).dot((c - a).cross(d - a)) < 0.0 {
-                tet.swap(0, 1);
-            }
-            tets.push(tet);
-        }
-    }
-    TetMesh::new(nodes, &tets, &[])
+    let corner = DVec3::new(-0.5 * nx + 0.2, -0.5 * ny + 0.3, -nz) * EDGE - DVec3::Z * ahead;
+    cubes::block(counts, |p| corner + p * EDGE)
 }
 
 fn boundary_area(mesh: &TetMesh) -> f64 {

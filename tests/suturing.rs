@@ -1,9 +1,14 @@
 //! Stitches in the running application: two instruments in their ports, a needle, and two edges of soft tissue that are to come together.
 #![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
+mod common {
+    pub mod cubes;
+}
+
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy::time::{TimePlugin, TimeUpdateStrategy};
+use common::cubes;
 use keyhole_grasping::GraspingPlugin;
 use keyhole_instruments::{InstrumentsPlugin, PortFrame, TrocarState, working_reach};
 use keyhole_suturing::SuturingPlugin;
@@ -22,31 +27,10 @@ const TEAR_N_M: f32 = 500.0;
 /// Half of the gap between the edges, m.
 const GAP: f32 = 0.001;
 
-/// A block from `low` to `high` (m) in cubes of five tetrahedra.
+/// A block from `low` to `high`, m.
 fn block(low: Vec3, high: Vec3, counts: [usize; 3]) -> TetMesh {
-    let [nx, ny, nz] = counts;
-    let id = |i: usize, j: usize, k: usize| (i + (nx + 1) * (j + (ny + 1) * k)) as u32;
-    let (low, size) = (low.as_dvec3(), (high - low).as_dvec3());
-    let mut nodes = Vec::new();
-    for k in 0..=nz {
-        for j in 0..=ny {
-            let at = |i: usize| low + size * DVec3::new(i as f64 / nx as f64, j as f64 / ny as f64, k as f64 / nz as f64);
-            nodes.extend((0..=nx).map(at));
-        }
-    }
-    let mut tets = Vec::new();
-    for (i, j, k) in (0..counts.iter().product()).map(|c: usize| (c % nx, c / nx % ny, c / (nx * ny))) {
-        for five in [[0, 1, 2, 4], [3, 1, 7, 2], [5, 1, 4, 7], [6, 2, 7, 4], [1, 2, 4, 7]] {
-            let five = if (i + j + k) % 2 == 0 { five } else { five.map(|b| b ^ 1) };
-            let mut tet = five.map(|b: usize| id(i + (b & 1), j + (b >> 1 & 1), k + (b >> 2 & 1)));
-            let [a, b, c, d] = tet.map(|n| nodes[n as usize]);
-            if (b - a).dot((c - a).cross(d - a)) < 0.0 {
-                tet.swap(0, 1);
-            }
-            tets.push(tet);
-        }
-    }
-    TetMesh::new(nodes, &tets, &[])
+    let (low, size, per) = (low.as_dvec3(), (high - low).as_dvec3(), counts.map(|n| n as f64));
+    cubes::block(counts, |p| low + size * p / DVec3::from(per))
 }
 
 struct Theatre {

@@ -19,6 +19,10 @@ pub struct Bleeding {
     pub clips_left: u32,
     /// Blood lost, ml.
     pub blood_lost_ml: f64,
+    /// What of it was aspirated, ml.
+    pub blood_aspirated_ml: f64,
+    /// What of it lies at the end, ml.
+    pub blood_pooled_ml: f64,
     /// How much bleeds at the end, ml/min.
     pub rate_ml_min: f32,
 }
@@ -37,6 +41,8 @@ impl Bleeding {
             clips_slipped: clips.slipped,
             clips_left: left.iter().sum(),
             blood_lost_ml: bleeding.lost_ml,
+            blood_aspirated_ml: bleeding.aspirated_ml,
+            blood_pooled_ml: bleeding.pooled_ml(),
             rate_ml_min: bleeding.rate_ml_min,
         })
     }
@@ -45,13 +51,14 @@ impl Bleeding {
     #[must_use]
     pub fn sentence(&self) -> String {
         format!(
-            "Clips: {} set, {} of them misplaced, {} dropped, {} slipped off, {} left. Blood lost: {:.1} ml; at the end {:.0} ml/min.",
+            "Clips: {} set, {} of them misplaced, {} dropped, {} slipped off, {} left. Blood lost: {:.1} ml, {:.1} ml of it aspirated; at the end {:.0} ml/min.",
             self.clips_set,
             self.clips_misplaced,
             self.clips_dropped,
             self.clips_slipped,
             self.clips_left,
             self.blood_lost_ml,
+            self.blood_aspirated_ml,
             self.rate_ml_min
         )
     }

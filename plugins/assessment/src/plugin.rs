@@ -10,8 +10,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{MaterialId, OuterPlanes};
 use keyhole_whiteboard::{
     BleedReport, ClipApplier, ClipReport, Contacts, CuttingLine, Endoscope, FreedFrom, Grasp, GraspReport, Hand, Instrument,
-    InstrumentPose, JawPads, Needle, Organ, OrganMaterials, Port, SceneRequirements, SutureReport, TickCost, TickSystems, TissueMesh,
-    ToolContacts, Vessel,
+    InstrumentPose, JawPads, Needle, Organ, OrganMaterials, Port, SceneRequirements, Suction, SutureReport, TickCost, TickSystems,
+    TissueMesh, ToolContacts, Vessel,
 };
 
 /// Measures a session where the scene requires it; where it does not, no system runs and nothing is allocated. A scene that is started over is a new session.
@@ -112,7 +112,12 @@ fn measure(
     clamped: Res<Clamped>,
     (bleeding, clips): (Res<BleedReport>, Res<ClipReport>),
     (grasping, suturing): (Option<Res<GraspReport>>, Option<Res<SutureReport>>),
-    (appliers, pads, needles): (Query<(), With<ClipApplier>>, Query<(), With<JawPads>>, Query<(), With<Needle>>),
+    (appliers, pads, needles, suctions): (
+        Query<(), With<ClipApplier>>,
+        Query<(), With<JawPads>>,
+        Query<(), With<Needle>>,
+        Query<(), With<Suction>>,
+    ),
     vessels: Query<(), With<Vessel>>,
     tools: Query<Tool>,
     contacts: Query<&ToolContacts>,
@@ -141,6 +146,8 @@ fn measure(
     sample.tools_touch = contacts.iter().map(|c| c.touching.iter().any(touched)).reduce(|one, other| one || other);
     sample.view = scopes.iter().next().map(view_cone);
     sample.blood_lost_ml = (!vessels.is_empty()).then_some(bleeding.lost_ml);
+    // It may have gone back to the tray.
+    sample.aspirated_ml = (!suctions.is_empty() || bleeding.aspirated_ml > 0.0).then_some(bleeding.aspirated_ml);
     sample.clip_errors = (!appliers.is_empty()).then_some(clips.misplaced + clips.dropped + clips.slipped);
     sample.bruised_m2 = grasping.filter(|_| !pads.is_empty()).map(|report| f64::from(report.bruised_m2));
     sample.stitches_torn = suturing.filter(|_| !needles.is_empty()).map(|report| report.torn);

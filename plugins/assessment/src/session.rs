@@ -54,6 +54,8 @@ pub struct Sample {
     pub view: Option<ViewCone>,
     /// Blood that has been lost so far, ml; `None` where nothing can bleed.
     pub blood_lost_ml: Option<f64>,
+    /// What of it has been aspirated so far, ml; `None` where nothing aspirates.
+    pub aspirated_ml: Option<f64>,
     /// Clips misplaced, dropped and slipped so far; `None` where there is no clip applier.
     pub clip_errors: Option<u32>,
     /// Area that graspers have bruised so far, m2; `None` where nothing is grasped.
@@ -75,6 +77,7 @@ pub struct Session {
     collisions: TouchCounter,
     two_tools: bool,
     blood_lost_ml: Option<f64>,
+    aspirated_ml: Option<f64>,
     clip_errors: Option<u32>,
     bruised_m2: Option<f64>,
     stitches_torn: Option<u64>,
@@ -112,6 +115,7 @@ impl Session {
             collisions: TouchCounter::new(apart),
             two_tools: false,
             blood_lost_ml: None,
+            aspirated_ml: None,
             clip_errors: None,
             bruised_m2: None,
             stitches_torn: None,
@@ -144,6 +148,7 @@ impl Session {
             self.camera.push(view, DVec3::Y, &tips);
         }
         self.blood_lost_ml = sample.blood_lost_ml.or(self.blood_lost_ml);
+        self.aspirated_ml = sample.aspirated_ml.or(self.aspirated_ml);
         self.clip_errors = sample.clip_errors.or(self.clip_errors);
         self.bruised_m2 = sample.bruised_m2.or(self.bruised_m2);
         self.stitches_torn = sample.stitches_torn.or(self.stitches_torn);
@@ -182,6 +187,7 @@ impl Session {
             MetricId::Centring => self.camera.off_centre(),
             MetricId::Distance => self.camera.distance_m().map(|d| d * 1e3),
             MetricId::BloodLoss => self.blood_lost_ml,
+            MetricId::Aspirated => self.aspirated_ml,
             MetricId::ClipErrors => self.clip_errors.map(f64::from),
             MetricId::Bruised => self.bruised_m2.map(|a| a * 1e6),
             MetricId::StitchesTorn => self.stitches_torn.map(|n| n as f64),
@@ -268,6 +274,7 @@ mod tests {
                 tools_touch: None,
                 view: Some(view),
                 blood_lost_ml: Some(0.2 * f64::from(tick)),
+                aspirated_ml: Some(0.1 * f64::from(tick)),
                 clip_errors: Some(3),
                 bruised_m2: Some(if tick > 7 { 3e-6 } else { 0.0 }),
                 stitches_torn: None,
@@ -289,6 +296,7 @@ mod tests {
         near(MetricId::GripMax, right, 7.0);
         near(MetricId::Overload, right, 3.0 * 0.1 * 2.0);
         near(MetricId::BloodLoss, None, 2.0);
+        near(MetricId::Aspirated, None, 1.0);
         near(MetricId::ClipErrors, None, 3.0);
         near(MetricId::Bruised, None, 3.0);
         assert_eq!(value(MetricId::StitchesTorn, None), None, "there is no suture");

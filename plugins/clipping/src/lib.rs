@@ -6,6 +6,7 @@ pub mod legs;
 pub mod locate;
 pub mod lumen;
 pub mod plugin;
+pub mod pool;
 pub mod settings;
 
 pub use plugin::ClippingPlugin;

@@ -5,6 +5,7 @@ use crate::hold::{UNTIL_S, attachments, close, is_between, most_pull_n, pull_n};
 use crate::legs::{ALONG, body, catch};
 use crate::locate::{at_rest, is_whole, position, weights};
 use crate::lumen::{Closure, End, Lumen};
+use crate::pool::{aspirate, collect, landing};
 use crate::settings::ClipSettings;
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
@@ -12,21 +13,21 @@ use bevy_math::{Isometry3d, Vec3};
 use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{
-    Attachments, BleedReport, BleedSite, Clip, ClipApplier, ClipReport, ClipShape, FragmentDetached, GestureSystems, HeldBy,
-    InstrumentPose, JawPads, Jaws, RigidBody, RigidPose, SceneRequirements, TickSystems, TissueMesh, TissuePoint, TissueState,
-    TopologyChanged, Vessel,
+    Attachments, BleedReport, BleedSite, Clip, ClipApplier, ClipReport, ClipShape, FragmentDetached, GestureSystems, Gravity, HeldBy,
+    InstrumentPose, JawPads, Jaws, RigidBody, RigidPose, SceneRequirements, StaticSurface, Suction, SuctionValve, TickSystems, TissueMesh,
+    TissuePoint, TissueState, TopologyChanged, Vessel,
 };
 
 /// How far upstream of an opening a vessel is looked at to tell its direction, radii of its lumen.
 const UPSTREAM: f64 = 3.0;
 
-/// Sets and holds clips and lets vessels bleed in [`GestureSystems::Clip`]; carries both over topology changes in [`TickSystems::Collide`].
+/// Sets and holds clips, lets vessels bleed and suctions aspirate in [`GestureSystems::Clip`]; carries both over topology changes in [`TickSystems::Collide`].
 pub struct ClippingPlugin;
 
 impl Plugin for ClippingPlugin {
     fn build(&self, app: &mut App) {
         let required = SceneRequirements::clipping;
-        let gesture = (open_lumens, set_clips, press_clips, grip_clips, hold_clips, bleed).chain();
+        let gesture = (open_lumens, set_clips, press_clips, grip_clips, hold_clips, bleed, come_down, take_up).chain();
         app.init_resource::<ClipSettings>()
             .init_resource::<FreedFragments>()
             .register_required_components::<ClipApplier, Trigger>()
@@ -252,6 +253,39 @@ fn bleed(
         report.lost_ml += rate * ML_MIN * 1e6 * time.timestep().as_secs_f64();
         report.rate_ml_min = rate as f32;
         report.sites = sites;
+    }
+}
+
+/// What flows in this tick comes down.
+fn come_down(time: Res<Time<Fixed>>, gravity: Res<Gravity>, anatomy: Query<(Entity, &StaticSurface)>, mut report: ResMut<BleedReport>) {
+    if report.sites.is_empty() {
+        return;
+    }
+    let mut ordered: Vec<_> = anatomy.iter().collect();
+    ordered.sort_unstable_by_key(|a| a.0);
+    let surfaces: Vec<&StaticSurface> = ordered.into_iter().map(|a| a.1).collect();
+    let BleedReport { sites, pools, gone_ml, .. } = &mut *report;
+    for site in sites {
+        let ml = f64::from(site.rate_ml_min) * ML_MIN * 1e6 * time.timestep().as_secs_f64();
+        match landing(&surfaces, site.at, site.speed_m_s() * site.towards, gravity.0) {
+            Some((at, normal)) => collect(pools, at, normal, ml),
+            None => *gone_ml += ml,
+        }
+    }
+}
+
+/// Open suctions take up what is in their reach.
+fn take_up(time: Res<Time<Fixed>>, suctions: Query<(Entity, &InstrumentPose, &Suction, &SuctionValve)>, mut report: ResMut<BleedReport>) {
+    let mut open: Vec<_> = suctions.iter().filter(|s| s.3.open).collect();
+    if open.is_empty() || report.pools.is_empty() {
+        return;
+    }
+    open.sort_unstable_by_key(|s| s.0);
+    let report = &mut *report;
+    for (_, pose, suction, _) in open {
+        let mouth = pose.now * Vec3::new(0.0, 0.0, -suction.mouth_m);
+        let most_ml = f64::from(suction.most_ml_s) * time.timestep().as_secs_f64();
+        report.aspirated_ml += aspirate(&mut report.pools, mouth, suction.reach_m, most_ml);
     }
 }
 

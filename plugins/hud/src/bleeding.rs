@@ -23,6 +23,9 @@ fn line(left: Option<u32>, clips: &ClipReport, bleeding: &BleedReport) -> (Strin
         parts.push(format!("bleeding {:.0} ml/min", bleeding.rate_ml_min));
     }
     parts.push(format!("blood lost {:.1} ml", bleeding.lost_ml));
+    if bleeding.aspirated_ml > 0.0 {
+        parts.push(format!("aspirated {:.1} ml", bleeding.aspirated_ml));
+    }
     let wrong = clips.misplaced + clips.dropped + clips.slipped > 0 || bleeding.rate_ml_min > 0.0;
     (parts.join("   "), wrong)
 }
@@ -59,5 +62,7 @@ mod tests {
         let wrong = "clips: 2 set, 6 left   1 misplaced   bleeding 148 ml/min   blood lost 3.2 ml";
         assert_eq!(line(Some(6), &clips, &bleeding), (wrong.into(), true));
         assert_eq!(line(None, &ClipReport::default(), &BleedReport::default()).0, "blood lost 0.0 ml");
+        let bleeding = BleedReport { lost_ml: 3.21, aspirated_ml: 3.04, ..default() };
+        assert_eq!(line(None, &ClipReport::default(), &bleeding), ("blood lost 3.2 ml   aspirated 3.0 ml".into(), false));
     }
 }

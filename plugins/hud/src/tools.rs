@@ -2,22 +2,24 @@
 
 use crate::panel::{ACTIVE, QUIET};
 use bevy_egui::egui::{RichText, Ui};
-use keyhole_whiteboard::{Blade, Exchange, ExchangeStage, Grasp, Hand, Instrument, Tray};
+use keyhole_whiteboard::{Blade, Exchange, ExchangeStage, Grasp, Hand, Instrument, SuctionValve, Tray};
 
 /// An instrument with what it does.
-pub type Tool<'a> = (&'a Instrument, &'a Hand, Option<&'a Blade>, Option<&'a Grasp>, Option<&'a Exchange>, Option<&'a Tray>);
+pub type Tool<'a> =
+    (&'a Instrument, &'a Hand, Option<&'a Blade>, Option<&'a Grasp>, Option<&'a SuctionValve>, Option<&'a Exchange>, Option<&'a Tray>);
 
 /// A line for each hand, the left one first.
 pub fn show_tools<'a>(ui: &mut Ui, tools: impl Iterator<Item = Tool<'a>>, active: Option<Hand>) {
     let mut tools: Vec<_> = tools.collect();
     tools.sort_by_key(|(_, hand, ..)| matches!(hand, Hand::Right));
-    for (instrument, hand, blade, grasp, exchange, tray) in tools {
+    for (instrument, hand, blade, grasp, valve, exchange, tray) in tools {
         let side = if *hand == Hand::Left { "Left" } else { "Right" };
         let marked = if active == Some(*hand) { "> " } else { "" };
         let line = format!("{marked}{side}: {}", instrument.name);
         let does = match exchange {
             Some(exchange) => Some(changes(exchange)),
             None if blade.is_some_and(|b| b.active) => Some("blade active".to_owned()),
+            None if valve.is_some_and(|v| v.open) => Some("suction open".to_owned()),
             None => {
                 grasp.filter(|g| g.points > 0).map(|g| format!("pinches {:.1} N, pulls {:.1} N{}", g.pinch_n, g.pull_n.length(), slips(g)))
             }

@@ -16,6 +16,7 @@ mod model;
 pub mod plugin;
 pub mod proxy;
 pub mod script;
+mod suction;
 pub mod tools;
 
 pub use device::DeviceClutch;

@@ -19,7 +19,7 @@ use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
     Blade, ClipApplier, Contacts, CuttingLine, DeviceHands, Endoscope, Exchange, Grasp, Hand, HandInput, Instrument, InstrumentKind,
     InstrumentPose, JawPads, Jaws, KeyMap, Moved, PointerClaims, Port, SceneRequirements, ScriptClock, SenseSystems, SimulationControl,
-    TickSystems, ToolContacts, ToolForce, Tray,
+    Suction, SuctionValve, TickSystems, ToolContacts, ToolForce, Tray,
 };
 
 /// Pixels of a touchpad's scroll that count as one notch of a wheel.
@@ -50,6 +50,7 @@ impl Plugin for InstrumentsPlugin {
                     (drop_input, disengage, advance_clock, perform_hands, perform_view).chain().run_if(performing),
                     (begin_exchange, move_device_hands, move_active_hand, exchange, move_endoscope).chain().run_if(not(performing)),
                     publish_instruments,
+                    publish_valves,
                     publish_endoscope,
                 )
                     .chain()
@@ -65,7 +66,7 @@ fn performing(control: Res<SimulationControl>) -> bool {
     control.demonstration
 }
 
-/// Gives a new instrument its cutting line and its pads, unless the scene gave them, and its model.
+/// Gives a new instrument its cutting line, its pads and what it takes up, unless the scene gave them, and its model.
 fn equip(added: On<Add, Instrument>, instruments: Query<(&Instrument, Option<&CuttingLine>)>, mut commands: Commands) {
     let Ok((instrument, given)) = instruments.get(added.entity) else { return };
     let line = given.copied().or_else(|| tools::cutting_line(instrument.kind));
@@ -77,6 +78,9 @@ fn equip(added: On<Add, Instrument>, instruments: Query<(&Instrument, Option<&Cu
     }
     if let Some(pads) = tools::jaw_pads(instrument.kind, instrument.shaft_radius_m) {
         entity.insert_if_new(pads);
+    }
+    if let Some(suction) = tools::suction(instrument.kind) {
+        entity.insert_if_new(suction);
     }
 }
 
@@ -111,7 +115,7 @@ fn exchange(mut instruments: Query<Exchanged>, settings: Res<ExchangeSettings>, 
                 tray.0.push(instrument.kind);
                 (instrument.kind, instrument.name) = (exchange.to, tools::name(exchange.to).into());
                 let mut entity = commands.entity(entity);
-                entity.remove::<(CuttingLine, JawStroke, Blade, JawPads, Grasp, ClipApplier)>();
+                entity.remove::<(CuttingLine, JawStroke, Blade, JawPads, Grasp, ClipApplier, Suction, SuctionValve)>();
                 let line = tools::cutting_line(instrument.kind);
                 entity.insert(tools::tool_model(instrument.kind, instrument.shaft_length_m, instrument.shaft_radius_m, line.as_ref()));
                 if let Some(line) = line {
@@ -119,6 +123,9 @@ fn exchange(mut instruments: Query<Exchanged>, settings: Res<ExchangeSettings>, 
                 }
                 if let Some(pads) = tools::jaw_pads(instrument.kind, instrument.shaft_radius_m) {
                     entity.insert(pads);
+                }
+                if let Some(suction) = tools::suction(instrument.kind) {
+                    entity.insert(suction);
                 }
                 if instrument.kind == InstrumentKind::ClipApplier {
                     // One that comes in anew comes with a full cartridge.
@@ -284,6 +291,13 @@ fn publish_instruments(mut instruments: Query<Published>, settings: Res<ProxySet
         }
         *pose = InstrumentPose { now, before: if came { now } else { pose.now } };
         jaws.angle_rad = now_rad;
+    }
+}
+
+/// The pedal opens a suction.
+fn publish_valves(mut suctions: Query<(&TrocarState, &mut SuctionValve)>) {
+    for (state, mut valve) in &mut suctions {
+        valve.set_if_neq(SuctionValve { open: state.pedal });
     }
 }
 

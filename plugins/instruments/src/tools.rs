@@ -5,7 +5,7 @@
 
 use crate::model::{Profile, Ring};
 use bevy_math::Vec3;
-use keyhole_whiteboard::{CutTrigger, CuttingLine, InstrumentKind, JawPads, Joint, LineShape, ToolModel, ToolPart};
+use keyhole_whiteboard::{CutTrigger, CuttingLine, InstrumentKind, JawPads, Joint, LineShape, Suction, ToolModel, ToolPart};
 
 /// Length of a grasper's jaws from their pivot, m.
 pub const GRASPER_JAW_M: f32 = 0.020;
@@ -38,6 +38,7 @@ pub fn name(kind: InstrumentKind) -> &'static str {
         InstrumentKind::Scalpel => "Scalpel",
         InstrumentKind::ClipApplier => "Clip applier",
         InstrumentKind::NeedleHolder => "Needle holder",
+        InstrumentKind::Suction => "Suction",
     }
 }
 
@@ -47,17 +48,17 @@ pub fn widest_angle_rad(kind: InstrumentKind) -> f32 {
     match kind {
         InstrumentKind::Grasper => 30f32.to_radians(),
         InstrumentKind::Scissors | InstrumentKind::NeedleHolder => 25f32.to_radians(),
-        InstrumentKind::Hook | InstrumentKind::Scalpel => 0.0,
+        InstrumentKind::Hook | InstrumentKind::Scalpel | InstrumentKind::Suction => 0.0,
         InstrumentKind::ClipApplier => crate::applier::WIDEST_RAD,
     }
 }
 
-/// What about a kind of instrument cuts where the scene says nothing; graspers and needle holders cut nothing. Every blade is cold.
+/// What about a kind of instrument cuts where the scene says nothing; graspers, needle holders, clip appliers and suctions cut nothing. Every blade is cold.
 #[must_use]
 pub fn cutting_line(kind: InstrumentKind) -> Option<CuttingLine> {
     let edge = |length_m: f32, drop_m: f32| LineShape::Edge { tip: Vec3::new(0.0, 0.0, -length_m), heel: Vec3::new(0.0, -drop_m, 0.0) };
     let (line, trigger) = match kind {
-        InstrumentKind::Grasper | InstrumentKind::NeedleHolder | InstrumentKind::ClipApplier => return None,
+        InstrumentKind::Grasper | InstrumentKind::NeedleHolder | InstrumentKind::ClipApplier | InstrumentKind::Suction => return None,
         InstrumentKind::Scissors => (LineShape::JawLine { length_m: SCISSORS_JAW_M }, CutTrigger::Closing),
         InstrumentKind::Hook => (edge(HOOK_BLADE_M, 0.0), CutTrigger::Pedal),
         InstrumentKind::Scalpel => (edge(SCALPEL_BLADE_M, SCALPEL_DROP_M), CutTrigger::Pedal),
@@ -81,13 +82,20 @@ pub fn jaw_pads(kind: InstrumentKind, shaft_radius_m: f32) -> Option<JawPads> {
     }
 }
 
-/// How far ahead of the frame's origin the point lies that a hand steers, m: the blade's tip, the end of the jaws' pads, or the middle of a clip between them.
+/// What a kind of instrument takes up where the scene says nothing: suctions alone take anything up.
+#[must_use]
+pub fn suction(kind: InstrumentKind) -> Option<Suction> {
+    (kind == InstrumentKind::Suction).then(Suction::default)
+}
+
+/// How far ahead of the frame's origin the point lies that a hand steers, m: the blade's tip, the end of the jaws' pads, the middle of a clip between them, or a suction's mouth.
 #[must_use]
 pub fn working_reach(kind: InstrumentKind, line: Option<&CuttingLine>) -> f32 {
     let without_line = || match kind {
         InstrumentKind::Grasper => 0.8 * GRASPER_JAW_M,
         InstrumentKind::NeedleHolder => 0.8 * NEEDLE_HOLDER_JAW_M,
         InstrumentKind::ClipApplier => crate::applier::MIDDLE_M,
+        InstrumentKind::Suction => Suction::default().mouth_m,
         InstrumentKind::Scissors | InstrumentKind::Hook | InstrumentKind::Scalpel => 0.0,
     };
     line.map_or_else(without_line, |l| l.line.reach_m())
@@ -106,6 +114,7 @@ pub fn tool_model(kind: InstrumentKind, shaft_length_m: f32, shaft_radius_m: f32
         InstrumentKind::Scalpel => parts.extend(scalpel(length(SCALPEL_BLADE_M), r)),
         InstrumentKind::ClipApplier => parts.extend(crate::applier::jaws(r)),
         InstrumentKind::NeedleHolder => parts.extend(needle_holder(NEEDLE_HOLDER_JAW_M, r)),
+        InstrumentKind::Suction => parts.extend(crate::suction::tube(r)),
     }
     ToolModel { parts }
 }
@@ -274,13 +283,14 @@ mod tests {
     use crate::model::tests::{assert_closed, assert_normals_point_out, signed_volume};
     use bevy_math::FloatExt;
 
-    const KINDS: [InstrumentKind; 6] = [
+    const KINDS: [InstrumentKind; 7] = [
         InstrumentKind::Grasper,
         InstrumentKind::Scissors,
         InstrumentKind::Hook,
         InstrumentKind::Scalpel,
         InstrumentKind::ClipApplier,
         InstrumentKind::NeedleHolder,
+        InstrumentKind::Suction,
     ];
 
     #[test]

@@ -275,6 +275,8 @@ pub enum SceneInstrumentKind {
     ClipApplier,
     /// Two short strong jaws for a needle and its thread.
     NeedleHolder,
+    /// A tube that takes up blood that lies while the pedal is down.
+    Suction,
 }
 
 /// When a blade cuts.
@@ -329,6 +331,9 @@ pub struct SceneInstrument {
     /// The clips of a clip applier. Default twenty of titanium for vessels that are up to 8 mm wide when they are laid flat; no other instrument has any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clips: Option<crate::vessel::SceneClips>,
+    /// What a suction takes up; no other instrument takes anything up.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub suction: Option<crate::vessel::SceneSuction>,
     /// Length of the shaft, m. Default 0.33.
     #[serde(default = "default_shaft_length")]
     pub shaft_length_m: f32,

@@ -137,13 +137,14 @@ impl SceneInstrumentKind {
             Self::Scalpel => InstrumentKind::Scalpel,
             Self::ClipApplier => InstrumentKind::ClipApplier,
             Self::NeedleHolder => InstrumentKind::NeedleHolder,
+            Self::Suction => InstrumentKind::Suction,
         }
     }
 
     /// Whether it has a blade.
     #[must_use]
     pub fn cuts(self) -> bool {
-        !matches!(self, Self::Grasper | Self::NeedleHolder | Self::ClipApplier)
+        matches!(self, Self::Scissors | Self::Hook | Self::Scalpel)
     }
 
     /// Whether it has jaws that close.

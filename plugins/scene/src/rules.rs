@@ -332,6 +332,7 @@ impl Rules {
             self.friction(&path, tool.friction);
             self.blade(&path, tool);
             self.clips(&path, tool);
+            self.suction(&path, tool);
         }
         if let Some(scope) = &scene.endoscope {
             self.in_port("endoscope", scene, &scope.port, &mut taken);
@@ -359,6 +360,15 @@ impl Rules {
             self.below(&format!("{path}.clips"), clips.problems());
         } else {
             self.say(&format!("{path}.clips"), "only a ClipApplier has clips: remove this field or change `kind`");
+        }
+    }
+
+    fn suction(&mut self, path: &str, tool: &SceneInstrument) {
+        let Some(suction) = tool.suction else { return };
+        if tool.kind == SceneInstrumentKind::Suction {
+            self.below(&format!("{path}.suction"), suction.problems());
+        } else {
+            self.say(&format!("{path}.suction"), "only a Suction takes anything up: remove this field or change `kind`");
         }
     }
 

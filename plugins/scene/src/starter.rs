@@ -285,7 +285,7 @@ fn text(plan: &Plan, name: &str) -> String {
         (name: "optic", position: {scope_port}, inward: {scope_inward}),
     ],
     instruments: [
-        // kind: Grasper, Scissors, Hook, Scalpel, ClipApplier or NeedleHolder. What about it cuts may be chosen: blade: (length_mm, trigger, kerf_mm). The trigger is
+        // kind: Grasper, Scissors, Hook, Scalpel, ClipApplier, NeedleHolder or Suction. What about it cuts may be chosen: blade: (length_mm, trigger, kerf_mm). The trigger is
         // Closing (scissors) or Pedal; kerf_mm is the thickness of tissue that the edge takes away, 0 to 3, where 0 is a cold blade.
         // This blade is longer than the organ is thick where it cuts: one sweep goes right through.
         (kind: Hook, hand: Right, port: "right", insertion_m: {insertion:.4}, blade: (length_mm: {blade:.1}, trigger: Pedal, kerf_mm: 0.0)),

@@ -1,8 +1,8 @@
-//! Vessels and clips of the scene format: what each field means, with unit and default; from there to the whiteboard; and what must hold of them.
+//! Vessels, clips and suctions of the scene format: what each field means, with unit and default; from there to the whiteboard; and what must hold of them.
 
 use crate::format::Triple;
 use bevy_math::Vec3;
-use keyhole_whiteboard::{ClipApplier, ClipShape, Vessel, VesselEnd};
+use keyhole_whiteboard::{ClipApplier, ClipShape, Suction, Vessel, VesselEnd};
 use serde::{Deserialize, Serialize};
 
 /// Pascals in a millimetre of mercury.
@@ -57,6 +57,39 @@ impl Default for SceneClips {
         let ClipApplier { clips, shape, .. } = ClipApplier::default();
         let mm = |m: f32| (m * 1e6).round() * 1e-3;
         Self { count: clips, leg_mm: mm(shape.leg_m), wire_mm: mm(shape.wire_m), gap_mm: mm(shape.gap_m), most_pinch_n: shape.most_pinch_n }
+    }
+}
+
+/// What a suction takes up.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SceneSuction {
+    /// Blood that it takes up at most, ml/s, 0.1 to 100. Default 16.7: a litre a minute, which is what irrigation beside it is asked to deliver where something bleeds.
+    pub most_ml_s: f32,
+    /// How far from its mouth blood may be, mm, 0.5 to 20. Default 3.
+    pub reach_mm: f32,
+}
+
+impl Default for SceneSuction {
+    fn default() -> Self {
+        let Suction { most_ml_s, reach_m, .. } = Suction::default();
+        Self { most_ml_s, reach_mm: reach_m * 1e3 }
+    }
+}
+
+impl SceneSuction {
+    /// On the whiteboard.
+    #[must_use]
+    pub fn suction(&self) -> Suction {
+        Suction { most_ml_s: self.most_ml_s, reach_m: self.reach_mm * 1e-3, ..Suction::default() }
+    }
+
+    /// What is wrong with it: the path below it, and what to do.
+    pub(crate) fn problems(&self) -> Vec<(String, String)> {
+        let mut found = Vec::new();
+        out_of(&mut found, "most_ml_s", self.most_ml_s, 0.1, 100.0, " ml/s; a litre a minute is 16.7");
+        out_of(&mut found, "reach_mm", self.reach_mm, 0.5, 20.0, " mm");
+        found
     }
 }
 

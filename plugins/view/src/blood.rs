@@ -1,4 +1,5 @@
-//! Blood where it bleeds: what leaves a vessel flies as drops, by gravity alone, and lies as pools on the anatomy that it falls on.
+//! Blood where it bleeds: what leaves a vessel flies as drops, by gravity alone, onto the anatomy that it falls on, where it lies as the pools of [`BleedReport`] until it is
+//! aspirated.
 //!
 //! The rate is that of [`BleedSite`]; drops have the speed of a free jet through the opening, and the pulse of a heart that is at rest, which changes their
 //! number and speed about the mean and not what flows. Nothing here is read by the simulation: tissue is not wetted, and drops pass through it.
@@ -10,10 +11,6 @@ use keyhole_whiteboard::{Anatomy, BleedReport, BleedSite, Gravity};
 
 /// Volume of a drop, ml: of about 2 mm.
 const DROP_ML: f32 = 0.004;
-/// Part of an opening that a jet leaves through: the contraction of a free jet.
-const CONTRACTION: f32 = 0.61;
-/// Slowest and fastest that blood is seen to leave, m/s: it oozes, or spurts.
-const SPEEDS_M_S: (f32, f32) = (0.02, 1.2);
 /// Beats of the heart, 1/s.
 const BEATS_1_S: f32 = 1.2;
 /// How much more there is of it in a beat, and less between beats.
@@ -22,12 +19,6 @@ const PULSE: f32 = 0.6;
 const SCATTER: f32 = 0.06;
 /// Longest that a drop flies, s.
 const LONGEST_S: f32 = 0.8;
-/// Thickness of a pool, m: of water with gravity and surface tension about as much.
-const POOL_DEEP_M: f32 = 0.0016;
-/// Largest radius of a pool, m: then it rises.
-const POOL_MOST_M: f32 = 0.03;
-/// Drops that land so near to a pool's rim run into it, m.
-const POOL_REACH_M: f32 = 0.006;
 
 /// A drop on its way.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,23 +26,6 @@ struct Drop {
     at: Vec3,
     v: Vec3,
     age_s: f32,
-}
-
-/// Blood that lies.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Pool {
-    at: Vec3,
-    normal: Vec3,
-    ml: f32,
-}
-
-impl Pool {
-    /// Radius and thickness, m: half of a flat ellipsoid has 2/3 pi r2 h.
-    fn size_m(&self) -> (f32, f32) {
-        let area = 2.0 / 3.0 * std::f32::consts::PI;
-        let radius = (self.ml * 1e-6 / (area * POOL_DEEP_M)).sqrt();
-        if radius <= POOL_MOST_M { (radius, POOL_DEEP_M) } else { (POOL_MOST_M, self.ml * 1e-6 / (area * POOL_MOST_M * POOL_MOST_M)) }
-    }
 }
 
 /// A surface that blood falls on, in the world, and the box around it.
@@ -66,7 +40,6 @@ struct Floor {
 #[derive(Resource, Default, Debug)]
 pub struct Blood {
     drops: Vec<Drop>,
-    pools: Vec<Pool>,
     /// What has flowed of the next drop, ml, by site.
     owed_ml: Vec<f32>,
     floors: Option<Vec<Floor>>,
@@ -79,14 +52,14 @@ pub struct Blood {
 
 impl Blood {
     fn is_none(&self) -> bool {
-        self.drops.is_empty() && self.pools.is_empty() && self.floors.is_none()
+        self.drops.is_empty() && self.floors.is_none()
     }
 }
 
 /// Run condition: something bleeds, or has.
 #[must_use]
 pub fn bleeds(report: Res<BleedReport>, blood: Res<Blood>) -> bool {
-    !report.sites.is_empty() || !blood.is_none()
+    !report.sites.is_empty() || !report.pools.is_empty() || !blood.is_none()
 }
 
 /// A tick of everything that flows.
@@ -127,19 +100,15 @@ impl Blood {
             drop.v += gravity * dt_s;
             drop.at += drop.v * dt_s;
             drop.age_s += dt_s;
-            match land(&floors, from, drop.at) {
-                Some((at, normal)) => self.pool(at, normal),
-                None => return drop.age_s < LONGEST_S,
-            }
-            false
+            drop.age_s < LONGEST_S && !lands(&floors, from, drop.at)
         });
         self.floors = Some(floors);
         self.owed_ml.resize(sites.len(), 0.0);
         let beat = 1.0 + PULSE * (std::f32::consts::TAU * BEATS_1_S * self.time_s).sin();
         for (i, site) in sites.iter().enumerate() {
-            let flow_ml_s = site.rate_ml_min / 60.0 * beat;
-            let mut owed = self.owed_ml[i] + flow_ml_s * dt_s;
-            let speed = (flow_ml_s * 1e-6 / (CONTRACTION * site.area_m2.max(f32::MIN_POSITIVE))).clamp(SPEEDS_M_S.0, SPEEDS_M_S.1);
+            let now = BleedSite { rate_ml_min: site.rate_ml_min * beat, ..*site };
+            let mut owed = self.owed_ml[i] + now.rate_ml_min / 60.0 * dt_s;
+            let speed = now.speed_m_s();
             let whole = (owed / DROP_ML) as u32;
             owed -= whole as f32 * DROP_ML;
             for k in 0..whole {
@@ -154,37 +123,23 @@ impl Blood {
         }
         self.drops = drops;
     }
-
-    /// A drop lands.
-    fn pool(&mut self, at: Vec3, normal: Vec3) {
-        let near = |p: &&mut Pool| p.normal.dot(normal) > 0.9 && p.at.distance(at) < p.size_m().0 + POOL_REACH_M;
-        match self.pools.iter_mut().filter(near).min_by(|a, b| a.at.distance(at).total_cmp(&b.at.distance(at))) {
-            Some(pool) => {
-                pool.at = pool.at.lerp(at, DROP_ML / (pool.ml + DROP_ML));
-                pool.ml += DROP_ML;
-            }
-            None => self.pools.push(Pool { at, normal, ml: DROP_ML }),
-        }
-    }
 }
 
-/// Where a straight way first goes through a surface, and the normal there, against the way.
-fn land(floors: &[Floor], from: Vec3, to: Vec3) -> Option<(Vec3, Vec3)> {
+/// Whether a straight way goes through a surface.
+fn lands(floors: &[Floor], from: Vec3, to: Vec3) -> bool {
     let way = to - from;
     let (low, high) = (from.min(to), from.max(to));
     let near = floors.iter().filter(|f| f.low.cmple(high).all() && f.high.cmpge(low).all());
-    let hits = near.flat_map(|f| &f.triangles).filter_map(|[a, b, c]| {
+    near.flat_map(|f| &f.triangles).any(|[a, b, c]| {
         let normal = (*b - *a).cross(*c - *a);
-        let speed = normal.dot(way);
-        let part = normal.dot(*a - from) / speed;
-        if speed == 0.0 || !(0.0..=1.0).contains(&part) {
-            return None;
+        let part = normal.dot(*a - from) / normal.dot(way);
+        // Not a number where the way lies in the plane.
+        if !(0.0..=1.0).contains(&part) {
+            return false;
         }
         let p = from + part * way;
-        let inside = [(*a, *b), (*b, *c), (*c, *a)].into_iter().all(|(u, v)| (v - u).cross(p - u).dot(normal) >= 0.0);
-        inside.then(|| (part, p, -normal.normalize() * speed.signum()))
-    });
-    hits.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, p, normal)| (p, normal))
+        [(*a, *b), (*b, *c), (*c, *a)].into_iter().all(|(u, v)| (v - u).cross(p - u).dot(normal) >= 0.0)
+    })
 }
 
 /// A vector in the unit cube about zero that looks as if by chance, from a number (the finalizer of MurmurHash3, A. Appleby).
@@ -223,7 +178,7 @@ pub fn draw_blood(
         let scale = Vec3::new(1.0, long, 1.0) * radius * long.powf(-0.25);
         Transform { translation: drop.at, rotation: Quat::from_rotation_arc(Vec3::Y, drop.v.normalize_or(Vec3::Y)), scale }
     });
-    let pools = blood.pools.iter().map(|pool| {
+    let pools = report.pools.iter().map(|pool| {
         let (radius, deep) = pool.size_m();
         Transform { translation: pool.at, rotation: Quat::from_rotation_arc(Vec3::Y, pool.normal), scale: Vec3::new(radius, deep, radius) }
     });
@@ -280,33 +235,25 @@ mod tests {
         Floor { triangles: vec![[a, b, c], [a, c, d]], low: a, high: c }
     }
 
-    /// What flows in ten whole beats is in the air or in pools, to a drop; and it flies as what is thrown does.
+    /// What flows in ten whole beats leaves as drops, to a drop; they fly as what is thrown does, and none goes through the bed.
     #[test]
-    fn what_flows_is_what_lies() {
+    fn what_flows_leaves_as_drops_that_fall_onto_the_bed() {
         for rate in [6.0, 150.0] {
             let mut blood = Blood { floors: Some(vec![bed()]), ..default() };
-            let ticks = 500;
+            let (ticks, mut furthest) = (500, 0.0f32);
             for _ in 0..ticks {
                 blood.advance(&[site(rate)], Vec3::NEG_Y * 9.81, 1.0 / 60.0);
+                assert!(blood.drops.iter().all(|drop| drop.at.y > 0.0));
+                furthest = blood.drops.iter().map(|drop| drop.at.x).fold(furthest, f32::max);
             }
-            let flown: f32 = blood.drops.len() as f32 * DROP_ML;
-            let lies: f32 = blood.pools.iter().map(|p| p.ml).sum();
-            let flowed = rate / 60.0 * ticks as f32 / 60.0;
-            assert!((flown + lies + blood.owed_ml[0] - flowed).abs() < 0.01 * flowed, "{flown} {lies} of {flowed}");
-            assert!(blood.pools.iter().all(|p| p.at.y.abs() < 1e-6 && p.normal == Vec3::Y));
+            let (left, flowed) = (blood.count as f32 * DROP_ML, rate / 60.0 * ticks as f32 / 60.0);
+            assert!((left + blood.owed_ml[0] - flowed).abs() < 0.01 * flowed, "{left} of {flowed}");
             // From 10 mm it falls for 45 ms, at no more than the mean speed with its beat.
-            let furthest = blood.pools.iter().map(|p| p.at.x).fold(0.0, f32::max);
-            let fastest = (rate / 60.0 * 1e-6 / (CONTRACTION * 7e-6)) * (1.0 + PULSE);
-            assert!(furthest < (fastest.max(SPEEDS_M_S.0) * (1.0 + SCATTER)) * 0.0475 * 1.1, "{furthest}");
-        }
-    }
-
-    #[test]
-    fn a_pool_has_its_volume_however_large() {
-        for ml in [0.004, 0.5, 50.0] {
-            let (radius, deep) = Pool { at: Vec3::ZERO, normal: Vec3::Y, ml }.size_m();
-            let volume_ml = 2.0 / 3.0 * std::f32::consts::PI * radius * radius * deep * 1e6;
-            assert!((volume_ml / ml - 1.0).abs() < 1e-4 && radius <= POOL_MOST_M * 1.0001);
+            assert!(furthest > 0.0 && furthest < site(rate * (1.0 + PULSE)).speed_m_s() * (1.0 + SCATTER) * 0.0475 * 1.1, "{furthest}");
+            for _ in 0..10 {
+                blood.advance(&[], Vec3::NEG_Y * 9.81, 1.0 / 60.0);
+            }
+            assert!(blood.drops.is_empty(), "all have come down");
         }
     }
 }

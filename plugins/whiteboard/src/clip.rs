@@ -1,6 +1,6 @@
 //! Clips, the vessels that they close, and what bleeds.
 
-use crate::TissuePoint;
+use crate::{BloodPool, TissuePoint};
 use bevy_ecs::prelude::*;
 use bevy_math::{Isometry3d, Vec3};
 
@@ -136,7 +136,21 @@ pub struct BleedSite {
     pub rate_ml_min: f32,
 }
 
-/// What bleeds. Written by clipping.
+/// Contraction of a free jet: see `bleed` of clipping.
+const CONTRACTION: f32 = 0.611;
+/// Slowest and fastest that blood is seen to leave, m/s: it oozes, or spurts.
+const SPEEDS_M_S: (f32, f32) = (0.02, 1.2);
+
+impl BleedSite {
+    /// Speed with which blood is seen to leave, m/s: that of a free jet through the opening, within what is seen of oozing and spurting vessels.
+    #[must_use]
+    pub fn speed_m_s(&self) -> f32 {
+        let flow_m3_s = self.rate_ml_min * 1e-6 / 60.0;
+        (flow_m3_s / (CONTRACTION * self.area_m2.max(f32::MIN_POSITIVE))).clamp(SPEEDS_M_S.0, SPEEDS_M_S.1)
+    }
+}
+
+/// What bleeds, and where the blood is: `lost_ml` is what lies in pools, what was aspirated and what is gone together. Written by clipping.
 #[derive(Resource, Clone, Debug, Default, PartialEq)]
 pub struct BleedReport {
     /// Where, by organ and then along the vessel.
@@ -145,6 +159,12 @@ pub struct BleedReport {
     pub rate_ml_min: f32,
     /// Lost since the scene started, ml.
     pub lost_ml: f64,
+    /// What of it lies on solid anatomy.
+    pub pools: Vec<BloodPool>,
+    /// What of it was aspirated, ml.
+    pub aspirated_ml: f64,
+    /// What of it came down on nothing that is solid, ml.
+    pub gone_ml: f64,
 }
 
 /// What has become of clips since the scene started. Written by clipping.
@@ -158,4 +178,12 @@ pub struct ClipReport {
     pub dropped: u32,
     /// Slipped off tissue.
     pub slipped: u32,
+}
+
+impl BleedReport {
+    /// What lies in pools, ml.
+    #[must_use]
+    pub fn pooled_ml(&self) -> f64 {
+        self.pools.iter().map(|p| p.ml).sum()
+    }
 }

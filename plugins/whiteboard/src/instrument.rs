@@ -39,6 +39,8 @@ pub enum InstrumentKind {
     ClipApplier,
     /// Two short strong jaws that hold a needle and its thread.
     NeedleHolder,
+    /// A tube that takes up blood while it is open.
+    Suction,
 }
 
 /// An instrument. Written by the scene.

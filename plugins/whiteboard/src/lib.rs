@@ -4,6 +4,7 @@
 //! a message; what is a rare event of one entity is an entity event with observers.
 
 pub mod attachment;
+pub mod blood;
 pub mod clip;
 pub mod contact;
 pub mod control;
@@ -22,6 +23,7 @@ pub mod suture;
 pub mod tick;
 
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
+pub use blood::{BloodPool, Suction, SuctionValve};
 pub use clip::{BleedReport, BleedSite, Clip, ClipApplier, ClipPair, ClipReport, ClipShape, Vessel, VesselEnd};
 pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction, ToolContacts, ToolTouch, ToolTouched};
 pub use control::{GlobalView, KeyMap, PointerClaims, SimulationControl, ViewMode};

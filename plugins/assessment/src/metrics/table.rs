@@ -26,6 +26,7 @@ pub enum MetricId {
     Centring,
     Distance,
     BloodLoss,
+    Aspirated,
     ClipErrors,
     ClampTime,
     TumourLeft,
@@ -90,7 +91,7 @@ const OURS: &str = "Own definition";
 
 impl MetricId {
     /// All, in the order in which they are shown.
-    pub const ALL: [Self; 29] = [
+    pub const ALL: [Self; 30] = [
         Self::Time,
         Self::PathLength,
         Self::Depth,
@@ -110,6 +111,7 @@ impl MetricId {
         Self::Centring,
         Self::Distance,
         Self::BloodLoss,
+        Self::Aspirated,
         Self::ClipErrors,
         Self::ClampTime,
         Self::TumourLeft,
@@ -250,6 +252,7 @@ impl MetricId {
                 CAMERA,
             ),
             Self::BloodLoss => of("Blood loss", "ml", Session, Less, "Blood that was lost through all bleeding sites.", NEPHRECTOMY),
+            Self::Aspirated => of("Blood aspirated", "ml", Session, Neither, "What of the lost blood a suction has taken up.", OURS),
             Self::ClipErrors => of(
                 "Clip errors",
                 "",

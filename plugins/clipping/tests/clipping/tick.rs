@@ -11,7 +11,8 @@ use keyhole_clipping::bleed::flow_ml_min;
 use keyhole_tetmesh::{DVec3, NodeId, Tet, TetMesh};
 use keyhole_whiteboard::{
     Attachments, BleedReport, Clip, ClipApplier, ClipReport, ClipShape, HeldBy, InstrumentPose, JawPads, Jaws, Organ, RigidBody, RigidPose,
-    SceneRequirements, TickSystems, TissueMesh, TissueState, TopologyChanged, Vessel, VesselEnd, WhiteboardPlugin,
+    SceneRequirements, StaticSurface, Suction, SuctionValve, TickSystems, TissueMesh, TissueState, TopologyChanged, Vessel, VesselEnd,
+    WhiteboardPlugin,
 };
 
 const ARTERY: VesselEnd = VesselEnd { pressure_pa: 13_332.0, supply_ml_min: 600.0 };
@@ -145,6 +146,57 @@ fn a_cut_without_clips_bleeds_and_between_two_it_does_not() {
     assert_eq!((rate(&app), app.world().resource::<BleedReport>().sites.len()), (0.0, 0));
     assert_eq!(*app.world().resource::<ClipReport>(), ClipReport { set: 2, ..Default::default() });
     assert_eq!(app.world().get::<ClipApplier>(tool).unwrap().clips, 18);
+}
+
+/// What was lost lies in pools, was aspirated, or is gone, tick by tick; an open suction takes up what it lets through and no more, none while it is shut or away from the blood,
+/// and loss goes on as before.
+#[test]
+fn what_bleeds_lies_until_it_is_aspirated() {
+    let mut app = app();
+    let organ = bar(&mut app, ARTERY);
+    let corners = [[-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [1.0, -1.0]].map(|[x, z]| Vec3::new(x, -0.01, z)).to_vec();
+    let bed = app.world_mut().spawn(StaticSurface { vertices: corners, triangles: vec![[0, 1, 2], [0, 2, 3]] }).id();
+    let suction = Suction { most_ml_s: 30.0, ..Suction::default() };
+    let tool = app.world_mut().spawn((suction, InstrumentPose::default())).id();
+    app.update();
+    sever(&mut app, organ, 0.02);
+    let tick = |app: &mut App| {
+        let before = app.world().resource::<BleedReport>().clone();
+        app.update();
+        let now = app.world().resource::<BleedReport>().clone();
+        let known = now.pooled_ml() + now.aspirated_ml + now.gone_ml;
+        assert!((now.lost_ml - known).abs() <= 1e-6 * now.lost_ml, "{} ml were lost, {known} ml are known of", now.lost_ml);
+        assert!(now.aspirated_ml - before.aspirated_ml <= 1.000_001 * 30.0 / 60.0);
+        now
+    };
+    let lying = (0..60).map(|_| tick(&mut app)).last().unwrap();
+    assert_eq!((lying.aspirated_ml, lying.gone_ml), (0.0, 0.0));
+    assert!(
+        lying.pooled_ml() > 15.0 && lying.pools.iter().all(|p| (p.at.y + 0.01).abs() < 1e-6 && p.normal == Vec3::Y),
+        "{:?}",
+        lying.pools
+    );
+    // Open, but its mouth is high above; then in the blood, but shut.
+    let mouth_at = |place: Vec3| still(Isometry3d::from_translation(place + suction.mouth_m * Vec3::Z));
+    let pool = lying.pools[0].at;
+    for (place, open) in [(pool + 0.02 * Vec3::Y, true), (pool + 0.001 * Vec3::Y, false)] {
+        app.world_mut().entity_mut(tool).insert((mouth_at(place), SuctionValve { open }));
+        assert_eq!((0..10).map(|_| tick(&mut app)).last().unwrap().aspirated_ml, 0.0);
+    }
+    // Two ends bleed some 19.5 ml/s together, each into a pool or both into one: half a second of 30 ml/s.
+    app.world_mut().entity_mut(tool).insert(SuctionValve { open: true });
+    let taken = (0..30).map(|_| tick(&mut app)).last().unwrap();
+    println!("{:?}, {} ml aspirated of {} ml", taken.pools, taken.aspirated_ml, taken.lost_ml);
+    assert!((5.0..15.001).contains(&taken.aspirated_ml), "{}", taken.aspirated_ml);
+    let half_s = f64::from(taken.rate_ml_min) / 60.0 * 30.0 / 60.0;
+    let lost = taken.lost_ml - lying.lost_ml;
+    assert!((lost / half_s - 50.0 / 30.0).abs() < 1e-3, "{lost} ml in 50 ticks");
+    // Without a bed it is gone.
+    app.world_mut().despawn(bed);
+    app.world_mut().entity_mut(tool).insert(SuctionValve { open: false });
+    let before = taken.pooled_ml();
+    let after = (0..10).map(|_| tick(&mut app)).last().unwrap();
+    assert!(after.gone_ml > 0.0 && (after.pooled_ml() - before).abs() < 1e-12);
 }
 
 /// Through half of the lumen flows what the law gives half of the area; of a hole that is small for its supply, half.
