@@ -34,6 +34,7 @@ pub(crate) fn draw(name: &str, title: &str, y: &str, laws: &[&Law]) -> Result<Dr
             .y_desc(y)
             .x_label_formatter(&|v| number(*v))
             .y_label_formatter(&|v| number(*v))
+            .light_line_style(TRANSPARENT)
             .label_style((FONT, 13))
             .draw()?;
         for (i, (law, fit)) in drawn.iter().enumerate() {
