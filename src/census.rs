@@ -4,7 +4,7 @@
 
 use crate::modules::Module;
 use bevy::ecs::change_detection::Tick;
-use bevy::ecs::system::{ScheduleSystem, System};
+use bevy::ecs::system::ScheduleSystem;
 use bevy::prelude::*;
 use keyhole_assessment::recording::RecordingPlugin;
 use keyhole_whiteboard::WhiteboardPlugin;

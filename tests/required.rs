@@ -10,7 +10,9 @@ use keyhole::census::Census;
 use keyhole::modules::Module;
 use keyhole::report::digest::digest;
 use keyhole::simulation::{faults, simulation_of};
+use keyhole::spawn::clear;
 use keyhole::{Settings, Theatre, simulation};
+use keyhole_assessment::Assessment;
 use keyhole_collision::CollisionReport;
 use keyhole_tissue::TissueReport;
 use keyhole_whiteboard::{Contacts, FragmentDetached, SceneRequirements};
@@ -167,6 +169,19 @@ fn news_of_a_fragment_is_not_kept_by_who_is_not_required() {
     }
     // A list of 10 000 nodes has 40 kB.
     assert!((live[29] - live[9]).abs() < 40_000, "{live:?}");
+}
+
+/// What was measured of a scene is let go of with it: the next one may not be measured at all.
+#[test]
+fn a_scene_that_is_taken_off_leaves_nothing_behind() {
+    let _turn = turn();
+    let mut app = app(&theatres().remove(0).1, &Module::ALL);
+    (0..3).for_each(|_| app.update());
+    assert!(!app.world().resource::<Assessment>().figures().is_empty());
+    clear(app.world_mut());
+    assert!(app.world().resource::<Assessment>().figures().is_empty());
+    let left: usize = Census::new().holdings(&app).values().map(|has| has.entities).sum();
+    assert_eq!(left, 0);
 }
 
 /// Two blocks hang side by side without weight above a bed that one of them touches, and a tool moves far from them.

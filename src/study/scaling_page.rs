@@ -82,9 +82,10 @@ fn exponents(laws: &[Law], path: &Path) -> Result<(), StudyError> {
     let row = |law: &Law| {
         let fit = law.law?;
         let error = fit.error.map_or_else(String::new, |e| format!("{e:.4}"));
-        Some(vec![law.what.clone(), law.against.into(), format!("{:.4}", fit.exponent), error, law.points.len().to_string()])
+        let end = law.at_the_end.map_or_else(String::new, |e| format!("{e:.4}"));
+        Some(vec![law.what.clone(), law.against.into(), format!("{:.4}", fit.exponent), error, end, law.points.len().to_string()])
     };
-    rows(path, &["what", "against", "exponent", "standard_error", "points"], laws.iter().filter_map(row))
+    rows(path, &["what", "against", "exponent", "standard_error", "between_the_largest_two", "points"], laws.iter().filter_map(row))
 }
 
 fn plots(laws: &[Law]) -> Result<Vec<Drawing>, StudyError> {
@@ -108,7 +109,7 @@ fn page(study: &Scaling, laws: &[Law], plots: &[Drawing]) -> String {
     };
     let body = html! {
         p {
-            "Each case in a process of its own, one after another. Wall-clock figures are of this machine; numbers of tetrahedra, iterations, runs and bytes on entities are the same everywhere. "
+            "Each case in a process of its own, one after another; of several runs of a case the fastest counts. Wall-clock figures are of this machine; numbers of tetrahedra, iterations, runs and bytes on entities are the same everywhere. "
             "Memory is the most that a process has had resident, less that of the program without a scene"
             @match study.nothing().and_then(|m| m.peak_bytes) {
                 Some(bytes) => { " (" (mb(bytes as f64)) " MB, with every module there and none required)." }
@@ -189,13 +190,14 @@ fn sizes(study: &Scaling) -> Markup {
 fn laws_of(laws: &[Law], against: &str) -> Markup {
     let row = |law: &Law| {
         let fit = law.law?;
-        Some(vec![cell(&law.what), cell(exponent(fit.exponent, fit.error))])
+        let end = law.at_the_end.map_or_else(|| "\u{2013}".into(), |e| format!("{e:.2}"));
+        Some(vec![cell(&law.what), cell(exponent(fit.exponent, fit.error)), cell(end)])
     };
     let rows: Vec<Vec<Markup>> = laws.iter().filter(|l| l.against == against).filter_map(row).collect();
     let head = format!("grows as ({against}) to the power of");
     html! {
-        (table(&["", &head], &rows))
-        p { "Least squares of the logarithms; \u{b1} the standard error of the exponent." }
+        (table(&["", &head, "between the largest two"], &rows))
+        p { "Least squares of the logarithms; \u{b1} the standard error of the exponent. Between the largest two what does not depend on the size weighs least." }
     }
 }
 
