@@ -12,7 +12,7 @@ use keyhole_whiteboard::Contact;
 /// What is known of a body that has not moved.
 #[derive(Clone, Debug, Default)]
 pub struct Rest {
-    /// Corners of the box around its nodes where they are and where they are at the end of the tick, m.
+    /// Corners of a box that its nodes are in until the end of the tick, and every face with room for its fastest corner, m.
     low: Vec3,
     high: Vec3,
     friction: f32,
@@ -28,11 +28,12 @@ impl Rest {
     pub fn of(body: &Party, own: &[Hit], dt_s: f32) -> Self {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         let used = body.shape.roles().iter().zip(body.positions).zip(body.velocities).filter(|((role, _), _)| **role != Role::Unused);
+        let (mut behind, mut ahead) = (Vec3::ZERO, Vec3::ZERO);
         for ((_, x), v) in used {
-            let next = *x + *v * dt_s;
-            (low, high) = (low.min(*x).min(next), high.max(*x).max(next));
+            (low, high) = (low.min(*x), high.max(*x));
+            (behind, ahead) = (behind.min(*v * dt_s), ahead.max(*v * dt_s));
         }
-        Self { low, high, friction: body.friction, own: own.to_vec(), anatomy: None }
+        Self { low: low + behind, high: high + ahead, friction: body.friction, own: own.to_vec(), anatomy: None }
     }
 
     /// Whether it still holds of a body that has not moved: its friction is as it was.
