@@ -1,5 +1,6 @@
 //! The app: which plugins it has, around a theatre. `main`, tests and benches all build it here.
 
+use crate::modules::Module;
 use crate::spawn::{cut_settings, reset, spawn};
 use crate::theatre::Theatre;
 use bevy::app::TaskPoolThreadAssignmentPolicy;
@@ -10,18 +11,9 @@ use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::time::{TimePlugin, TimeUpdateStrategy};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use keyhole_assessment::AssessmentPlugin;
 use keyhole_assessment::recording::{PlayerSystems, RecordingPlugin};
-use keyhole_clipping::ClippingPlugin;
-use keyhole_collision::CollisionPlugin;
-use keyhole_cutting::CuttingPlugin;
-use keyhole_grasping::GraspingPlugin;
 use keyhole_hid::{HidPlugin, shipped};
 use keyhole_hud::HudPlugin;
-use keyhole_instruments::InstrumentsPlugin;
-use keyhole_rigid::RigidPlugin;
-use keyhole_suturing::SuturingPlugin;
-use keyhole_tissue::TissuePlugin;
 use keyhole_view::ViewPlugin;
 use keyhole_whiteboard::{CutMethod, ScriptClock, SimulationControl, WhiteboardPlugin, tick::running};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -71,25 +63,19 @@ pub fn faults() -> u64 {
 ///
 /// With [`Output::None`] and [`Output::Pictures`] it is finished and ready for `App::update`; with [`Output::Window`] for `App::run`.
 pub fn simulation(theatre: Theatre, settings: Settings) -> App {
+    simulation_of(theatre, settings, Module::ALL)
+}
+
+/// The same with these modules alone: the others are not there at all, whatever the scene requires.
+pub fn simulation_of(theatre: Theatre, settings: Settings, modules: impl IntoIterator<Item = Module>) -> App {
     let mut app = App::new();
     add_engine(&mut app, settings);
     app.set_error_handler(count_fault)
         .insert_resource(Time::<Fixed>::from_hz(TICKS_PER_SECOND))
-        .add_plugins((
-            WhiteboardPlugin,
-            InstrumentsPlugin,
-            GraspingPlugin,
-            ClippingPlugin,
-            SuturingPlugin,
-            CuttingPlugin,
-            CollisionPlugin,
-            TissuePlugin,
-            RigidPlugin,
-            RecordingPlugin,
-            AssessmentPlugin,
-        ))
+        .add_plugins((WhiteboardPlugin, RecordingPlugin))
         .add_systems(First, (stop_on_fault, reset).chain().after(PlayerSystems))
         .add_systems(FixedFirst, (reset, stand_still.run_if(not(running))).chain().after(PlayerSystems));
+    modules.into_iter().for_each(|module| module.add(&mut app));
     match settings.output {
         Output::None => {}
         Output::Pictures => {

@@ -4,7 +4,7 @@ use crate::quality::Quality;
 use crate::theatre::Theatre;
 use bevy::math::Isometry3d;
 use bevy::prelude::*;
-use keyhole_collision::{CollisionSettings, SelfCollision};
+use keyhole_collision::{CollisionReport, CollisionSettings, SelfCollision};
 use keyhole_instruments::{PortFrame, Script, TrocarState, tools};
 use keyhole_scene::surface;
 use keyhole_scene::{Scene, SceneSelfCollision, SceneTimeStepping, SceneTissue, SceneTissueModel};
@@ -15,8 +15,9 @@ use keyhole_tissue::{
 };
 use keyhole_whiteboard::{
     Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, GlobalView, GraspReport, Gravity, Hand,
-    Instrument, InstrumentKind, NeedleGrip, Organ, OrganMaterials, PinchLimit, Port, RigidBody, RigidReport, ScopeOptics, ScriptClock,
-    SimulationControl, SurfaceFriction, SutureReport, TearResistance, Thread, TickCost, TissueMesh, TissueState, TopologyChanged, Tray,
+    Instrument, InstrumentKind, NeedleGrip, Organ, OrganMaterials, PinchLimit, Port, RigidBody, RigidReport, SceneCleared, ScopeOptics,
+    ScriptClock, SimulationControl, SurfaceFriction, SutureReport, TearResistance, Thread, TickCost, TissueMesh, TissueState,
+    TopologyChanged, Tray,
 };
 
 /// Part of the sag within which a rest shape hangs as the scan.
@@ -68,7 +69,7 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
     world.insert_resource(theatre.script.clone());
     world.insert_resource(ScriptClock { end_s: theatre.script.end_s(), ..default() });
     {
-        let mut settings = world.resource_mut::<TissueSettings>();
+        let mut settings = world.get_resource_or_init::<TissueSettings>();
         settings.substeps = scene.tissue.substeps.unwrap_or(TissueSettings::default().substeps);
         settings.model = tissue_model(&scene.tissue);
         settings.stepping = match scene.tissue.stepping {
@@ -84,7 +85,7 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
     if let Some(quality) = world.get_resource::<Quality>().copied() {
         quality.apply(&mut world.resource_mut::<TissueSettings>());
     }
-    world.resource_mut::<CollisionSettings>().self_collision = match scene.collision.itself {
+    world.get_resource_or_init::<CollisionSettings>().self_collision = match scene.collision.itself {
         SceneSelfCollision::OnceCut => SelfCollision::OnceCut,
         SceneSelfCollision::Always => SelfCollision::Always,
         SceneSelfCollision::Never => SelfCollision::Never,
@@ -215,6 +216,7 @@ pub fn clear(world: &mut World) {
     world.resource_mut::<Messages<TopologyChanged>>().clear();
     world.insert_resource(CutStatus::default());
     world.insert_resource(TissueReport::default());
+    world.insert_resource(CollisionReport::default());
     world.insert_resource(RigidReport::default());
     world.insert_resource(ClipReport::default());
     world.insert_resource(BleedReport::default());
@@ -222,6 +224,7 @@ pub fn clear(world: &mut World) {
     world.insert_resource(SutureReport::default());
     world.insert_resource(TickCost::default());
     world.insert_resource(Script::default());
+    world.trigger(SceneCleared);
 }
 
 /// Starts the scene over when that was asked for.

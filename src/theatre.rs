@@ -68,6 +68,14 @@ impl Theatre {
         if !problems.is_empty() {
             return Err(TheatreError::Problems { path: path.into(), problems });
         }
+        Self::of(scene, path)
+    }
+
+    /// The theatre of a scene whose values have been checked, with its meshes. `path` is named in errors.
+    ///
+    /// # Errors
+    /// When a mesh or the demonstration is not as it should be.
+    pub fn of(scene: Scene, path: &Path) -> Result<Self, TheatreError> {
         let meshes = scene.organs.iter().map(|o| o.read_mesh()).collect::<Result<_, _>>()?;
         let surfaces = scene.anatomy.iter().map(SceneAnatomy::read_surface).collect::<Result<_, _>>()?;
         let script = script(&scene).map_err(|source| TheatreError::Script { path: path.into(), source })?;

@@ -2,15 +2,18 @@
 
 use crate::cli::Failure;
 use crate::report::folder::Folder;
+use crate::stage::cards;
 use crate::study::contender::Contender;
 use crate::study::film::FilmError;
 use crate::study::hardship::Hardship;
 use crate::study::plan::{CELLS_MM, Plan, phantom_kidneys, read_mesh};
+use crate::study::scaling::{self, ScalingPlan};
 use crate::study::specimen::Case;
 use crate::study::strokes::Stroke;
 use crate::study::trade::{self, TradePlan};
 use crate::study::{Study, StudyError, conduct, stability, stability_page, trade_page};
-use crate::study::{filmed, refinement};
+use crate::study::{filmed, refinement, scaling_case, scaling_page};
+use crate::theatre::default_scene;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::{Path, PathBuf};
 
@@ -31,6 +34,25 @@ pub enum Experiment {
     Trade(TradeStudyArgs),
     /// What each soft-tissue model survives: extreme materials and steps, tangles, violence, a hundred cuts.
     Stability(StabilityStudyArgs),
+    /// What a tick costs and how much memory it takes: against the size of the mesh and the number of organs, for every scene, for every module.
+    Scaling(ScalingStudyArgs),
+}
+
+/// Arguments of `keyhole study scaling`.
+#[derive(Debug, clap::Args)]
+pub struct ScalingStudyArgs {
+    /// Folder for index.html, the tables and the plots; must not be there or be empty.
+    #[arg(short, long, value_name = "DIR", required_unless_present = "case")]
+    pub output: Option<PathBuf>,
+    /// A folder of scenes to measure; without it the one of the default scene.
+    #[arg(long, value_name = "DIR")]
+    pub scenes: Option<PathBuf>,
+    /// Small meshes and few ticks: whether it works, not how fast it is.
+    #[arg(long)]
+    pub quick: bool,
+    /// One case, as the study itself asks for it in a process of its own.
+    #[arg(long, hide = true, value_name = "JSON")]
+    pub case: Option<String>,
 }
 
 /// Arguments of `keyhole study stability`.
@@ -91,6 +113,7 @@ pub fn run(args: &StudyArgs) -> Result<(), Failure> {
         Experiment::Cut(args) => cut(args),
         Experiment::Trade(args) => trade(args),
         Experiment::Stability(args) => stability(args),
+        Experiment::Scaling(args) => scaling(args),
     }
 }
 
@@ -144,6 +167,35 @@ fn stability(args: &StabilityStudyArgs) -> Result<(), Failure> {
     let study = stability::conduct(&Hardship::all(), &Contender::one_of_each(), args.patience, |what| experimenter.tell(what));
     let done = format!("{} of {} survived", study.ordeals.iter().filter(|o| o.survived).count(), study.ordeals.len());
     experimenter.finish(&done, |folder| stability_page::write_all(&study, folder))
+}
+
+fn scaling(args: &ScalingStudyArgs) -> Result<(), Failure> {
+    if let Some(case) = &args.case {
+        let measured = scaling_case::measure(&serde_json::from_str(case).map_err(Failure::input)?).map_err(Failure::job)?;
+        println!("{}", serde_json::to_string(&measured).map_err(Failure::job)?);
+        return Ok(());
+    }
+    let default = default_scene().map_err(Failure::input)?;
+    let folder = args.scenes.as_deref().or(default.parent()).unwrap_or(Path::new("."));
+    let scenes: Vec<PathBuf> = cards(folder).into_iter().filter(|card| card.problem.is_none()).map(|card| card.path).collect();
+    // What is toggled is also measured as it is.
+    let toggled = scenes.iter().find(|scene| **scene == default).or(scenes.first()).cloned();
+    let toggled =
+        toggled.ok_or_else(|| Failure::input(format!("{}: there is no scene (*.scene.ron) that can be read", folder.display())))?;
+    let plan = if args.quick { ScalingPlan::quick(scenes, toggled) } else { ScalingPlan::whole(scenes, toggled) };
+    let program = std::env::current_exe().map_err(Failure::job)?;
+    let experimenter = Experimenter::begin(args.output.as_deref().unwrap_or(Path::new("")))?;
+    experimenter.bar.set_length(plan.cases().len() as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} {elapsed}: {msg}") {
+        experimenter.bar.set_style(style);
+    }
+    let study = scaling::conduct(&program, &plan, |what| {
+        experimenter.tell(what);
+        experimenter.bar.inc(1);
+    });
+    let study = study.map_err(Failure::job)?;
+    let done = format!("{} cases", study.runs.len());
+    experimenter.finish(&done, |folder| scaling_page::write_all(&study, folder))
 }
 
 fn cut(args: &CutStudyArgs) -> Result<(), Failure> {

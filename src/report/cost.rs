@@ -1,11 +1,11 @@
 //! What ticks cost, stage by stage.
 
 use keyhole_whiteboard::{TickCost, TickSystems};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Cost of one stage, or of the whole tick, over all ticks: milliseconds of wall-clock time.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Cost {
     /// Mean.
     pub mean: f64,

@@ -2,11 +2,13 @@
 //! measured and drawn.
 //!
 //! [`plan`] says what is cut, [`strokes`] where; [`run`] cuts one combination and takes its figures ([`measure`], [`stable_step`]);
-//! [`claims`] and [`thresholds`] compare them with the paper and with each other; [`tables`], [`plots`], [`picture`] and [`page`] are what is left in the folder. Nothing here
-//! knows the engine.
+//! [`claims`] and [`thresholds`] compare them with the paper and with each other; [`tables`], [`plots`], [`picture`] and [`page`] are what is left in the folder. Nothing of
+//! it knows the engine.
 //!
 //! [`trade`] says what each soft-tissue model ([`contender`]) costs and how right it is on bodies whose answer is known ([`specimen`], [`film`], [`filmed`], [`refinement`]);
 //! [`stability`] what each survives ([`hardship`], [`carving`]).
+//!
+//! [`scaling`] says what a tick of the whole simulator costs and grows with ([`scaling_case`], [`fit`]), scene by scene and module by module.
 
 pub mod carving;
 pub mod claims;
@@ -14,8 +16,10 @@ pub mod contender;
 pub mod film;
 pub mod filmed;
 mod filmed_page;
+pub mod fit;
 mod grid;
 pub mod hardship;
+mod loglog;
 mod markup;
 pub mod measure;
 pub mod page;
@@ -24,6 +28,9 @@ pub mod plan;
 pub mod plots;
 pub mod refinement;
 pub mod run;
+pub mod scaling;
+pub mod scaling_case;
+pub mod scaling_page;
 mod scatter;
 mod solid_picture;
 pub mod specimen;

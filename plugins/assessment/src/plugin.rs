@@ -10,8 +10,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{MaterialId, OuterPlanes};
 use keyhole_whiteboard::{
     BleedReport, ClipApplier, ClipReport, Contacts, CuttingLine, Endoscope, FreedFrom, Grasp, GraspReport, Hand, Instrument,
-    InstrumentPose, JawPads, Needle, Organ, OrganMaterials, Port, SceneRequirements, Suction, SutureReport, TickCost, TickSystems,
-    TissueMesh, ToolContacts, Vessel,
+    InstrumentPose, JawPads, Needle, Organ, OrganMaterials, Port, SceneCleared, SceneRequirements, Suction, SutureReport, TickCost,
+    TickSystems, TissueMesh, ToolContacts, Vessel,
 };
 
 /// Measures a session where the scene requires it; where it does not, no system runs and nothing is allocated. A scene that is started over is a new session.
@@ -71,6 +71,7 @@ impl Plugin for AssessmentPlugin {
         app.init_resource::<AssessmentSettings>()
             .init_resource::<Clamped>()
             .init_resource::<Assessment>()
+            .add_observer(|_: On<SceneCleared>, mut assessment: ResMut<Assessment>| *assessment = Assessment::default())
             .add_systems(FixedPreUpdate, begin.run_if(SceneRequirements::assessment).run_if(|cost: Res<TickCost>| cost.ticks == 0))
             .add_systems(FixedUpdate, measure.in_set(TickSystems::Assess).run_if(SceneRequirements::assessment));
     }

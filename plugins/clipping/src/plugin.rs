@@ -31,7 +31,7 @@ impl Plugin for ClippingPlugin {
         app.init_resource::<ClipSettings>()
             .init_resource::<FreedFragments>()
             .register_required_components::<ClipApplier, Trigger>()
-            .add_observer(note_fragment)
+            .add_observer(note_fragment.run_if(required))
             .add_systems(FixedUpdate, gesture.in_set(GestureSystems::Clip).run_if(required))
             .add_systems(FixedUpdate, (inherit, carry).chain().in_set(TickSystems::Collide).run_if(required));
     }

@@ -166,11 +166,14 @@ pub fn with_anatomy(organ: &Party, anatomy: (Entity, &SolidSurface), friction: f
     }
 }
 
-/// The contacts of an organ's surface with a part of an instrument; see [`ToolPart::touch`]. The surface moves on over the tick as it does now.
-pub fn with_tool(organ: &Party, tool: (Entity, &ToolPart, &Motion), friction: f32, near_m: f32, contacts: &mut Vec<Contact>) {
+/// The contacts of an organ's surface with a part of an instrument; see [`ToolPart::touch`]. The surface moves on over the tick as it does now. Gives the
+/// number of faces that were held against it.
+pub fn with_tool(organ: &Party, tool: (Entity, &ToolPart, &Motion), friction: f32, near_m: f32, contacts: &mut Vec<Contact>) -> usize {
     let (entity, part, motion) = tool;
+    let mut faces = 0;
     let (low, high) = part.swept_box(motion, near_m);
     for nodes in organ.shape.triangles() {
+        faces += 1;
         let corners = nodes.map(|n| organ.positions[n.index()]);
         let [a, b, c] = corners;
         let [u, v, w] = nodes.map(|n| organ.velocities[n.index()] * motion.dt_s);
@@ -193,6 +196,7 @@ pub fn with_tool(organ: &Party, tool: (Entity, &ToolPart, &Motion), friction: f3
             force_n: Vec3::ZERO,
         });
     }
+    faces
 }
 
 /// The contacts of an organ with a part of an instrument whose middle is in it; see [`push_out`]. `hits` are those of the part's spine in the organ.

@@ -79,6 +79,8 @@ pub struct Detector {
     /// By body and level. A table for each body, so that a tetrahedron looks at no nodes of bodies that it cannot meet.
     tables: Vec<CellTable>,
     hits: Vec<Hit>,
+    /// Tetrahedra that had to look in the last call.
+    looked_into: usize,
 }
 
 /// An axis-aligned box, m.
@@ -160,6 +162,7 @@ impl Detector {
         self.gather_nodes(bodies);
         let (boxes, sides) = (&self.boxes, &self.sides);
         self.chunks[..chunks].par_iter_mut().for_each(|chunk| chunk.find_boxes(bodies, boxes, sides, grading));
+        self.looked_into = self.chunks[..chunks].iter().map(|chunk| chunk.queries.len()).sum();
         let levels = self.serving_levels(chunks);
         let cell = |level: usize| match grading {
             Grading::Hierarchical => cell_of(level as Level),
@@ -182,6 +185,12 @@ impl Detector {
         self.hits.sort_unstable_by_key(Hit::key);
         self.hits.dedup_by_key(|hit| hit.key());
         &self.hits
+    }
+
+    /// Tetrahedra of the last call in which a node may have been: the work of a call beside what is in proportion to the nodes.
+    #[must_use]
+    pub fn looked_into(&self) -> usize {
+        self.looked_into
     }
 
     /// Makes the chunks of all bodies that have anything to look for; returns their number.

@@ -7,6 +7,7 @@ use crate::detect::{Body, Detector, Hit, mean_rest_edge_m};
 use crate::folds::Folds;
 use crate::fresh::FreshCuts;
 use crate::meet::{Meeting, part_against_part, part_against_surface};
+use crate::rest::Rest;
 use crate::settings::{CollisionSettings, SelfCollision};
 use crate::shape::Shape;
 use crate::tool::{Motion, ToolPart};
@@ -16,8 +17,8 @@ use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
     Blade, Contact, Contacts, CuttingLine, FragmentDetached, FreedFrom, Instrument, InstrumentPose, Jaws, Joint, Obstacle, Port,
-    SceneRequirements, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts, ToolModel, ToolTouch,
-    ToolTouched, TopologyChanged,
+    SceneCleared, SceneRequirements, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts, ToolModel,
+    ToolTouch, ToolTouched, TopologyChanged,
 };
 
 /// How near a surface has to be to be touched, as a part of what is near.
@@ -30,8 +31,10 @@ impl Plugin for CollisionPlugin {
     fn build(&self, app: &mut App) {
         app.init_resource::<CollisionSettings>()
             .init_resource::<Workspace>()
+            .init_resource::<CollisionReport>()
             .add_message::<ToolTouched>()
-            .add_observer(follow_fragment)
+            .add_observer(|_: On<SceneCleared>, mut work: ResMut<Workspace>| *work = Workspace::default())
+            .add_observer(follow_fragment.run_if(SceneRequirements::collision))
             .add_systems(
                 FixedUpdate,
                 (adopt_changes, prepare, find_tool_contacts, find_contacts, keep_jaws)
@@ -42,9 +45,26 @@ impl Plugin for CollisionPlugin {
     }
 }
 
+/// What collision has looked at since the scene started. Written by collision.
+#[derive(Resource, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CollisionReport {
+    /// Organs that were looked at, summed over the ticks.
+    pub organs: u64,
+    /// Organs that had not moved and were not looked at, summed over the ticks.
+    pub at_rest: u64,
+    /// Nodes whose nearest point of a piece of anatomy was looked for.
+    pub nodes: u64,
+    /// Faces that were held against a part of an instrument.
+    pub faces: u64,
+    /// Tetrahedra that were looked into, but for those of the organ itself.
+    pub tets: u64,
+}
+
 /// What is kept from tick to tick: fresh cuts, and room.
 #[derive(Resource, Default)]
 struct Workspace {
+    /// Solid anatomy with its friction, in order.
+    solid: Vec<(Entity, f32)>,
     fresh: FreshCuts,
     detector: Detector,
     depths: Depths,
@@ -60,6 +80,8 @@ struct OrganShape {
     cut: bool,
     /// What looks for the organ in itself; there once it has been needed.
     folds: Option<Folds>,
+    /// What is known of it while it does not move.
+    rest: Option<Rest>,
 }
 
 /// The parts of an instrument that touch tissue.
@@ -113,7 +135,8 @@ fn adopt_changes(
     for TopologyChanged { organ, delta } in changes.read() {
         work.fresh.adopt(*organ, delta);
         if let Ok((mesh, mut known)) = organs.get_mut(*organ) {
-            let OrganShape { shape, cut, folds, .. } = &mut *known;
+            let OrganShape { shape, cut, folds, rest, .. } = &mut *known;
+            *rest = None;
             let touched = shape.update(&mesh.0, delta);
             if let Some(folds) = folds {
                 folds.update(&mesh.0, shape, delta, &touched);
@@ -131,7 +154,8 @@ fn prepare(
     surfaces: Query<(Entity, &StaticSurface), Without<Seen>>,
 ) {
     for (organ, mesh, cut) in &organs {
-        commands.entity(organ).insert(OrganShape { shape: Shape::of(&mesh.0), edge_m: mean_rest_edge_m(&mesh.0), cut, folds: None });
+        let (shape, edge_m) = (Shape::of(&mesh.0), mean_rest_edge_m(&mesh.0));
+        commands.entity(organ).insert(OrganShape { shape, edge_m, cut, folds: None, rest: None });
     }
     for (tool, instrument, model, jaws) in &tools {
         let parts = ToolParts { parts: tool_parts(instrument, model), angle_rad: jaws.angle_rad };
@@ -165,16 +189,26 @@ fn find_contacts(
     time: Res<Time<Fixed>>,
     settings: Res<CollisionSettings>,
     mut work: ResMut<Workspace>,
-    mut organs: Query<(Entity, &TissueMesh, &TissueState, &mut OrganShape, &mut Contacts, Option<&SurfaceFriction>)>,
+    mut report: ResMut<CollisionReport>,
+    mut organs: Query<(Entity, &TissueMesh, Ref<TissueState>, &mut OrganShape, &mut Contacts, Option<&SurfaceFriction>)>,
     mut tools: Query<(Entity, &InstrumentPose, &Jaws, &mut ToolParts, Option<&Blade>, Has<CuttingLine>, Option<&SurfaceFriction>)>,
     anatomy: Query<(Entity, &SolidAnatomy, Option<&SurfaceFriction>)>,
 ) {
     let dt_s = time.timestep().as_secs_f32();
-    let Workspace { fresh, detector, depths, hits } = &mut *work;
+    let Workspace { solid: known_solid, fresh, detector, depths, hits } = &mut *work;
+    let mut solid: Vec<_> =
+        anatomy.iter().map(|(entity, surface, friction)| (entity, surface, friction.map_or(settings.anatomy_friction, |f| f.0))).collect();
+    solid.sort_unstable_by_key(|s| s.0);
+    let alike = |(a, b): (&(Entity, &SolidAnatomy, f32), &(Entity, f32))| (a.0, a.2) == *b;
+    let keeps = !settings.is_changed() && solid.len() == known_solid.len() && solid.iter().zip(&*known_solid).all(alike);
+    if !keeps {
+        *known_solid = solid.iter().map(|s| (s.0, s.2)).collect();
+    }
     let mut ordered: Vec<_> = organs.iter_mut().collect();
     ordered.sort_unstable_by_key(|o| o.0);
     let mut parties = Vec::with_capacity(ordered.len());
     let mut contacts: Vec<&mut Vec<Contact>> = Vec::with_capacity(ordered.len());
+    let mut rests: Vec<&mut Option<Rest>> = Vec::with_capacity(ordered.len());
     hits.clear();
     for (organ, mesh, state, known, list, friction) in &mut ordered {
         list.0.clear();
@@ -182,17 +216,13 @@ fn find_contacts(
         if state.positions.len().min(state.velocities.len()) < known.shape.roles().len() {
             continue;
         }
-        let OrganShape { shape, edge_m, cut, folds } = &mut **known;
+        let OrganShape { shape, edge_m, cut, folds, rest } = &mut **known;
         let meets_itself = match settings.self_collision {
             SelfCollision::OnceCut => *cut,
             SelfCollision::Always => true,
             SelfCollision::Never => false,
         };
-        if meets_itself {
-            let folds = folds.get_or_insert_with(|| Folds::of(&mesh.0, shape));
-            hits.extend_from_slice(folds.detect(shape, &state.positions, parties.len() as u16));
-        }
-        parties.push(Party {
+        let party = Party {
             organ: *organ,
             topology: mesh.0.topology(),
             shape,
@@ -200,8 +230,23 @@ fn find_contacts(
             velocities: &state.velocities,
             edge_m: *edge_m,
             friction: friction.map_or(settings.tissue_friction, |f| f.0),
-        });
+        };
+        let (place, still) = (parties.len() as u16, keeps && !state.is_changed());
+        if let Some(rest) = rest.as_ref().filter(|rest| still && rest.holds(party.friction)) {
+            hits.extend(rest.own(place));
+            report.at_rest += 1;
+        } else {
+            let mut own: &[Hit] = &[];
+            if meets_itself {
+                own = folds.get_or_insert_with(|| Folds::of(&mesh.0, shape)).detect(shape, &state.positions, place);
+                hits.extend_from_slice(own);
+            }
+            *rest = still.then(|| Rest::of(&party, own, dt_s));
+            report.organs += 1;
+        }
+        parties.push(party);
         contacts.push(&mut list.0);
+        rests.push(rest);
     }
     let mut tools: Vec<_> = tools.iter_mut().collect();
     tools.sort_unstable_by_key(|t| t.0);
@@ -228,15 +273,25 @@ fn find_contacts(
     part(fresh, &parties, &held);
     between_tissue(hits, &parties, depths, &mut contacts);
 
-    let mut solid: Vec<_> = anatomy.iter().collect();
-    solid.sort_unstable_by_key(|s| s.0);
-    for (party, list) in parties.iter().zip(&mut contacts) {
-        for (entity, surface, friction) in &solid {
-            let friction = friction.map_or(settings.anatomy_friction, |f| f.0);
-            with_anatomy(party, (*entity, &surface.0), friction, settings.anatomy_reach_m, dt_s, list);
+    report.tets += detector.looked_into() as u64;
+    for ((party, list), rest) in parties.iter().zip(&mut contacts).zip(rests) {
+        match rest.as_ref().and_then(|rest| rest.anatomy.as_ref()) {
+            Some(known) => list.extend_from_slice(known),
+            None => {
+                let from = list.len();
+                for (entity, surface, friction) in &solid {
+                    with_anatomy(party, (*entity, &surface.0), *friction, settings.anatomy_reach_m, dt_s, list);
+                    report.nodes += party.shape.roles().len() as u64;
+                }
+                if let Some(rest) = rest {
+                    rest.anatomy = Some(list[from..].to_vec());
+                }
+            }
         }
         for (entity, part, motion, friction, ..) in &moving {
-            with_tool(party, (*entity, part, motion), *friction, settings.tool_near_m, list);
+            if rest.as_ref().is_none_or(|rest| rest.meets(part.swept_box(motion, settings.tool_near_m))) {
+                report.faces += with_tool(party, (*entity, part, motion), *friction, settings.tool_near_m, list) as u64;
+            }
         }
     }
     for (at, (entity, part, motion, friction, ways, _)) in moving.iter_mut().enumerate() {

@@ -21,10 +21,12 @@ impl Plugin for GraspingPlugin {
         app.init_resource::<GraspSettings>()
             .init_resource::<GraspReport>()
             .register_required_components::<JawPads, Grip>()
-            .register_required_components::<Organ, Bruises>()
             .add_observer(lose_pads)
-            .add_observer(inherit)
-            .add_systems(FixedUpdate, (follow_cuts, grasp).chain().in_set(GestureSystems::Grasp).run_if(SceneRequirements::instruments));
+            .add_observer(inherit.run_if(SceneRequirements::instruments))
+            .add_systems(
+                FixedUpdate,
+                (prepare, follow_cuts, grasp).chain().in_set(GestureSystems::Grasp).run_if(SceneRequirements::instruments),
+            );
     }
 }
 
@@ -66,16 +68,21 @@ fn lose_pads(gone: On<Remove, JawPads>, mut organs: Query<&mut Attachments>) {
     }
 }
 
+/// Gives organs what says where they are bruised.
+fn prepare(mut commands: Commands, organs: Query<Entity, (With<Organ>, Without<Bruises>)>) {
+    for organ in &organs {
+        commands.entity(organ).insert(Bruises::default());
+    }
+}
+
 /// A piece that comes free takes its bruises along.
-fn inherit(freed: On<FragmentDetached>, mut organs: Query<&mut Bruises>) {
+fn inherit(freed: On<FragmentDetached>, organs: Query<&Bruises>, mut commands: Commands) {
     let Ok(donor) = organs.get(freed.donor) else { return };
     if donor.by_node.is_empty() {
         return;
     }
     let by_node = freed.donor_nodes.iter().map(|n| donor.by_node.get(n.index()).copied().unwrap_or(0.0)).collect();
-    if let Ok(mut own) = organs.get_mut(freed.entity) {
-        *own = Bruises { by_node };
-    }
+    commands.entity(freed.entity).insert(Bruises { by_node });
 }
 
 /// Bruises go with the tissue that was cut in the last tick.

@@ -43,7 +43,10 @@ impl Plugin for InstrumentsPlugin {
             .register_required_components::<Instrument, ToolForce>()
             .register_required_components::<CuttingLine, JawStroke>()
             .add_observer(equip)
-            .add_systems(RunFixedMainLoop, gather_input.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop))
+            .add_systems(
+                RunFixedMainLoop,
+                gather_input.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop).run_if(SceneRequirements::instruments),
+            )
             .add_systems(
                 FixedUpdate,
                 (

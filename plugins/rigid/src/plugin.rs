@@ -14,8 +14,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::tick::running;
 use keyhole_whiteboard::{
     Attachments, Endoscope, FreedFrom, Gravity, HeldBy, Instrument, InstrumentPose, Jaws, OrganMaterials, RigidBody, RigidFragments,
-    RigidMass, RigidPose, RigidQuarantined, RigidReport, RigidShape, Rigidified, SceneRequirements, StaticSurface, SurfaceFriction,
-    TickSystems, TissueMesh, TissueState, ToolModel, TopologyChanged,
+    RigidMass, RigidPose, RigidQuarantined, RigidReport, RigidShape, Rigidified, SceneCleared, SceneRequirements, StaticSurface,
+    SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolModel, TopologyChanged,
 };
 use std::collections::BTreeMap;
 
@@ -27,6 +27,7 @@ impl Plugin for RigidPlugin {
         let required = SceneRequirements::rigid;
         app.init_resource::<RigidSettings>()
             .init_resource::<Workspace>()
+            .add_observer(|_: On<SceneCleared>, mut work: ResMut<Workspace>| *work = Workspace::default())
             .add_systems(FixedUpdate, soften.after(TickSystems::Adopt).before(TickSystems::Collide).run_if(running).run_if(required))
             .add_systems(
                 FixedUpdate,
@@ -38,7 +39,7 @@ impl Plugin for RigidPlugin {
 /// What is kept from tick to tick; nothing until something rigid is required.
 #[derive(Resource, Default)]
 struct Workspace {
-    world: Option<RigidWorld>,
+    world: Option<Box<RigidWorld>>,
     /// What was taken of the surface of an organ near a body: by body, then organ.
     taken: BTreeMap<(Entity, Entity), Taken>,
 }
@@ -162,7 +163,7 @@ fn prepare(
     mut report: ResMut<RigidReport>,
 ) {
     let work = &mut *work;
-    let world = work.world.get_or_insert_with(RigidWorld::new);
+    let world = work.world.get_or_insert_with(Box::default);
     world.retain(|entity| there.contains(entity));
     let friction = |own: Option<&SurfaceFriction>, of_kind: f32| own.map_or(of_kind, |f| f.0);
     let mut new: Vec<_> = bodies.iter().collect();

@@ -20,7 +20,6 @@ impl Plugin for SuturingPlugin {
         app.init_resource::<SutureSettings>()
             .init_resource::<SutureReport>()
             .register_required_components::<Needle, Strung>()
-            .register_required_components::<JawPads, Watch>()
             .add_systems(FixedUpdate, suture.in_set(GestureSystems::Suture).run_if(SceneRequirements::suturing));
     }
 }
@@ -29,7 +28,7 @@ impl Plugin for SuturingPlugin {
 #[derive(Component, Debug, Default)]
 struct Strung(Works);
 
-/// What jaws were at. Written by suturing.
+/// What jaws were at; on jaws that a tick with a needle has seen. Written by suturing.
 #[derive(Component, Clone, Copy, Debug, Default)]
 struct Watch {
     /// Their angle in the last tick, rad; none before the first.
@@ -42,9 +41,10 @@ type Needles<'a> = (Entity, &'a mut Needle, &'a mut Thread, &'a mut Bites, &'a m
 type Organs<'a> = (Entity, &'a TissueMesh, &'a TissueState, Option<&'a TearResistance>, &'a mut Attachments);
 
 fn suture(
+    mut commands: Commands,
     mut needles: Query<Needles>,
     mut organs: Query<Organs>,
-    mut tools: Query<(Entity, &JawPads, &InstrumentPose, &Jaws, &mut Watch)>,
+    mut tools: Query<(Entity, &JawPads, &InstrumentPose, &Jaws, Option<&mut Watch>)>,
     settings: Res<SutureSettings>,
     gravity: Res<Gravity>,
     time: Res<Time<Fixed>>,
@@ -52,10 +52,17 @@ fn suture(
 ) {
     let dt_s = time.timestep().as_secs_f64();
     let mut jaws: Vec<Jaw> = Vec::new();
-    for (instrument, pads, pose, now, mut watch) in &mut tools {
+    for (instrument, pads, pose, now, known) in &mut tools {
+        let watch = known.as_deref().copied().unwrap_or_default();
         let before_rad = watch.angle_rad.unwrap_or(now.angle_rad);
         let widest_rad = if now.angle_rad >= before_rad { now.angle_rad.max(before_rad) } else { watch.widest_rad.max(before_rad) };
-        *watch = Watch { angle_rad: Some(now.angle_rad), widest_rad };
+        let watch = Watch { angle_rad: Some(now.angle_rad), widest_rad };
+        match known {
+            Some(mut known) => *known = watch,
+            None => {
+                commands.entity(instrument).insert(watch);
+            }
+        }
         jaws.push(Jaw { instrument, pads: *pads, pose: pose.now, angle_rad: now.angle_rad, before_rad, widest_rad });
     }
     jaws.sort_by_key(|j| j.instrument);

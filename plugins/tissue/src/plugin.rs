@@ -28,7 +28,7 @@ impl Plugin for TissuePlugin {
         app.init_resource::<TissueSettings>()
             .init_resource::<TissueReport>()
             .init_resource::<FreedFragments>()
-            .add_observer(note_fragment)
+            .add_observer(note_fragment.run_if(SceneRequirements::tissue))
             .add_systems(FixedUpdate, embody.before(TickSystems::Sense).run_if(running).run_if(SceneRequirements::tissue))
             .add_systems(FixedUpdate, (let_go, adopt_changes).chain().in_set(TickSystems::Adopt).run_if(SceneRequirements::tissue))
             .add_systems(FixedUpdate, step_organs.in_set(TickSystems::Tissue).run_if(SceneRequirements::tissue));
@@ -64,6 +64,12 @@ pub struct TissueReport {
     pub momentum_jump: f64,
     /// Largest relative change of linear momentum that was left after it was given back: rounding.
     pub momentum_error: f64,
+    /// Organs that were stepped, summed over the ticks.
+    pub stepped: u64,
+    /// Organs that slept, summed over the ticks.
+    pub asleep: u64,
+    /// Iterations of the implicit solver, summed over organs and ticks.
+    pub iterations: u64,
     /// Organs in quarantine, in the order they went there.
     pub quarantined: Vec<Entity>,
 }
@@ -185,6 +191,7 @@ struct Job<'a> {
     body: Mut<'a, TissueBody>,
     contacts: Mut<'a, Contacts>,
     holds: Vec<Hold>,
+    asleep: bool,
     fault: Option<NodeId>,
 }
 
@@ -215,13 +222,19 @@ fn step_organs(
         .iter_mut()
         .map(|(organ, state, body, attachments, contacts)| {
             let holds = resolve(attachments, &tools, &body.body);
-            Job { organ, island: organ, state, body, contacts, holds, fault: None }
+            Job { organ, island: organ, state, body, contacts, holds, asleep: false, fault: None }
         })
         .collect();
     join(&mut jobs);
     let islands: Vec<&mut [Job<'_>]> = jobs.chunk_by_mut(|a, b| a.island == b.island).collect();
     islands.into_par_iter().for_each(|island| step_island(island, gravity.0, dt, &settings));
-    for Job { organ, fault, .. } in &jobs {
+    for Job { organ, body, asleep, fault, .. } in &jobs {
+        if *asleep {
+            report.asleep += 1;
+        } else {
+            report.stepped += 1;
+            report.iterations += u64::from(body.body.solver_report().0);
+        }
         let Some(node) = fault else { continue };
         tracing::error!(
             "organ {organ}: node {} left the finite numbers; the organ is back at its last finite state and frozen. More substeps or a \
@@ -267,8 +280,11 @@ fn step_island(jobs: &mut [Job<'_>], gravity: Vec3, dt: f32, settings: &TissueSe
         body.rests(&job.state, &job.holds, &job.contacts.0, gravity)
     };
     if jobs.iter_mut().all(rests) {
-        for Job { body, contacts, .. } in jobs.iter_mut().filter(|job| !job.contacts.0.is_empty()) {
-            body.body.repeat_forces(&mut contacts.0);
+        for Job { body, contacts, asleep, .. } in jobs.iter_mut() {
+            *asleep = true;
+            if !contacts.0.is_empty() {
+                body.body.repeat_forces(&mut contacts.0);
+            }
         }
         return;
     }

@@ -40,7 +40,7 @@ pub use instrument::{
 pub use optics::ScopeOptics;
 pub use organ::{Anatomy, FragmentDetached, FreedFrom, Organ, OrganMaterial, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
 pub use rigid::{HeldBy, RigidBody, RigidFragments, RigidMass, RigidPose, RigidQuarantined, RigidReport, RigidShape, Rigidified};
-pub use scene::{Gravity, SceneRequirements};
+pub use scene::{Gravity, SceneCleared, SceneRequirements};
 pub use suture::{
     Bite, Bites, Hole, HoleKind, Knot, Knots, Needle, NeedleGrip, SutureReport, TearResistance, Thread, ThreadGrip, TornBite,
 };

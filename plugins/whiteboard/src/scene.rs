@@ -34,6 +34,10 @@ pub struct SceneRequirements {
     pub clipping: bool,
 }
 
+/// A scene has been taken off the whiteboard: modules let go of what they kept of it, for the next one may not require them. Triggered by the app.
+#[derive(Event, Clone, Copy, Debug)]
+pub struct SceneCleared;
+
 impl SceneRequirements {
     /// Run condition of tissue.
     #[must_use]

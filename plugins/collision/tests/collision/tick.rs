@@ -5,12 +5,12 @@ use bevy_app::App;
 use bevy_ecs::prelude::*;
 use bevy_math::{DVec3, Isometry3d, Vec3};
 use bevy_time::{Fixed, Time, TimePlugin, TimeUpdateStrategy};
-use keyhole_collision::{CollisionPlugin, CollisionSettings, SelfCollision};
+use keyhole_collision::{CollisionPlugin, CollisionReport, CollisionSettings, SelfCollision};
 use keyhole_tetmesh::{NodeId, TetMesh};
 use keyhole_whiteboard::{
     Blade, Contact, Contacts, CutTrigger, CuttingLine, Instrument, InstrumentKind, InstrumentPose, Joint, LineShape, Obstacle, Organ,
-    PartMesh, Port, SceneRequirements, StaticSurface, TissueMesh, TissueState, ToolContacts, ToolModel, ToolPart, TopologyChanged,
-    WhiteboardPlugin,
+    PartMesh, Port, SceneRequirements, StaticSurface, SurfaceFriction, TissueMesh, TissueState, ToolContacts, ToolModel, ToolPart,
+    TopologyChanged, WhiteboardPlugin,
 };
 
 fn app() -> App {
@@ -223,4 +223,69 @@ fn a_node_deep_in_its_own_body_is_not_in_contact_with_it() {
     };
     let deepest = (1..40).map(|mm| own(mm as f32 * 1e-3)).fold(0.0, f32::max);
     assert!(deepest > 0.0 && deepest < 0.0125, "{deepest} m of a mesh with edges of 6 mm");
+}
+
+/// Three organs of which one moves, on a bed and with a shaft that comes and goes. Each tick all organs are said to have moved in one app, and only the one that
+/// has in the other: the contacts are the same to the bit and in the same order, and less was looked at.
+#[test]
+fn what_has_not_moved_touches_what_it_did_and_is_not_looked_at() {
+    let scene = || {
+        let mut app = app();
+        app.world_mut().resource_mut::<CollisionSettings>().self_collision = SelfCollision::Always;
+        let sizes = [([4; 3], 0.04, Vec3::ZERO), ([3; 3], 0.025, Vec3::new(0.0071, 0.0385, 0.0083)), ([2; 3], 0.02, Vec3::X * 0.2)];
+        let organs = sizes.map(|(cells, side, shift)| organ(&mut app, block(cells, [side; 3]), shift));
+        // One corner of the lower block is folded into it.
+        let mut folded = app.world_mut().get_mut::<TissueState>(organs[0]).unwrap();
+        let last = folded.positions.len() - 1;
+        folded.positions[last] = Vec3::new(0.024, 0.027, 0.025);
+        let [low, high] = [Vec3::new(-0.1, -0.02, -0.1), Vec3::new(0.3, 0.0005, 0.1)];
+        let vertices = (0..8).map(|i| Vec3::new([low.x, high.x][i & 1], [low.y, high.y][i >> 1 & 1], [low.z, high.z][i >> 2])).collect();
+        let triangles = [
+            [0, 2, 3],
+            [0, 3, 1],
+            [4, 5, 7],
+            [4, 7, 6],
+            [0, 1, 5],
+            [0, 5, 4],
+            [2, 6, 7],
+            [2, 7, 3],
+            [0, 4, 6],
+            [0, 6, 2],
+            [1, 3, 7],
+            [1, 7, 5],
+        ];
+        app.world_mut().spawn(StaticSurface { vertices, triangles: triangles.into() });
+        let shaft = Instrument { kind: InstrumentKind::Grasper, name: "grasper".into(), shaft_length_m: 0.3, shaft_radius_m: 0.0025 };
+        let tool = app.world_mut().spawn((shaft, ToolModel::default(), InstrumentPose::default())).id();
+        (app, organs, tool)
+    };
+    let run = |all_move: bool| {
+        let (mut app, organs, tool) = scene();
+        let mut lists = Vec::new();
+        for tick in 0..12_u8 {
+            let at = |tick: u8| Isometry3d::from_translation(Vec3::new(0.02, 0.09 - 0.006 * f32::from(tick), -0.1));
+            *app.world_mut().get_mut::<InstrumentPose>(tool).unwrap() = InstrumentPose { now: at(tick + 1), before: at(tick) };
+            for (i, organ) in organs.into_iter().enumerate() {
+                let mut state = app.world_mut().get_mut::<TissueState>(organ).unwrap();
+                if i == 1 {
+                    state.positions.iter_mut().for_each(|x| x.y -= 1e-4);
+                } else if all_move {
+                    state.set_changed();
+                }
+            }
+            if tick == 8 {
+                app.world_mut().entity_mut(organs[2]).insert(SurfaceFriction(0.7));
+            }
+            app.update();
+            lists.push(organs.map(|organ| contacts(&app, organ).to_vec()));
+        }
+        (lists, *app.world().resource::<CollisionReport>())
+    };
+    let ((lists, all), (others, few)) = (run(true), run(false));
+    assert_eq!(lists, others);
+    let against = |of: fn(&Obstacle) -> bool| lists.iter().flatten().flatten().any(|c| of(&c.against));
+    assert!(against(|o| matches!(o, Obstacle::Own(_))) && against(|o| matches!(o, Obstacle::Anatomy(_))));
+    assert!(against(|o| matches!(o, Obstacle::Instrument(_))) && against(|o| matches!(o, Obstacle::Organ { .. })));
+    assert!(lists[7][2] != lists[8][2], "another friction");
+    assert!(all.at_rest == 0 && few.at_rest >= 16 && few.nodes < all.nodes / 2 && 3 * few.faces < 2 * all.faces, "{all:?} {few:?}");
 }
