@@ -28,12 +28,13 @@ pub struct Guide {
 }
 
 impl Guide {
-    /// Takes which steps are done. When the one that the trainee is at comes to be done, the next that is not is shown.
+    /// Takes which steps are done. When the one that the trainee is at comes to be done, or one after it with nothing undone between, the next that is not is shown.
     pub fn tick_off(&mut self, done: Vec<Option<bool>>) {
         let is = |done: &[Option<bool>], step: usize| done.get(step).copied().flatten() == Some(true);
-        if is(&done, self.step) && !is(&self.done, self.step) {
-            let next = (self.step + 1..self.steps.len()).find(|step| !is(&done, *step));
-            self.step = next.unwrap_or(self.step);
+        let within_reach = (self.step..self.steps.len()).take_while(|step| done.get(*step).copied().flatten() != Some(false));
+        if let Some(came) = within_reach.filter(|step| is(&done, *step) && !is(&self.done, *step)).last() {
+            let next = (came + 1..self.steps.len()).find(|step| !is(&done, *step));
+            self.step = next.unwrap_or(came);
         }
         self.done = done;
     }
@@ -138,6 +139,11 @@ mod tests {
         assert_eq!(guide.step, 1);
         guide.tick_off(vec![Some(false), Some(false), None]);
         assert_eq!((guide.step, guide.progress()), (1, Some((0, 2))));
+        // A step without goals is done with what comes after it.
+        let mut guide = Guide { steps: ["a", "b", "c"].map(String::from).into(), ..Guide::default() };
+        guide.tick_off(vec![None, Some(false), Some(false)]);
+        guide.tick_off(vec![None, Some(true), Some(false)]);
+        assert_eq!(guide.step, 2);
     }
 
     #[test]
