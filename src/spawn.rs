@@ -1,9 +1,11 @@
 //! From a theatre onto the whiteboard, and off it again.
 
 use crate::quality::Quality;
+use crate::task::task;
 use crate::theatre::Theatre;
 use bevy::math::Isometry3d;
 use bevy::prelude::*;
+use keyhole_assessment::TaskStatus;
 use keyhole_collision::{CollisionReport, CollisionSettings, SelfCollision};
 use keyhole_instruments::{PortFrame, Script, TrocarState, tools};
 use keyhole_scene::surface;
@@ -64,6 +66,8 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
     let started_s = world.get_resource::<Time<Fixed>>().map_or(0.0, Time::elapsed_secs_f64);
     world.insert_resource(Gravity(Vec3::from_array(scene.gravity)));
     world.insert_resource(scene.requirements());
+    world.insert_resource(task(scene));
+    world.insert_resource(TaskStatus::default());
     let global = scene.views.global.map(|camera| (Vec3::from_array(camera.eye), Vec3::from_array(camera.target)));
     world.get_resource_or_init::<GlobalView>().set_if_neq(GlobalView(global));
     world.insert_resource(theatre.script.clone());

@@ -12,7 +12,7 @@ use keyhole_assessment::metrics::table::Scope;
 use keyhole_assessment::recording::PlayerSystems;
 use keyhole_assessment::results::number;
 use keyhole_assessment::results::plots::margin_colour;
-use keyhole_assessment::{Assessment, Measured, MetricId, Outcome, Results, outcome};
+use keyhole_assessment::{Assessment, Measured, MetricId, Outcome, Results, Task, TaskResult, TaskStatus, outcome};
 use keyhole_hud::{Guide, Notices, ResultSheet, ResultTable, ResultsScreen, SceneCard, StartScreen};
 use keyhole_view::{Paint, PictureOf, PictureRequest, PictureRequests, SpecimenView};
 use keyhole_whiteboard::{Hand, SimulationControl, TickCost};
@@ -207,7 +207,8 @@ fn tables(results: &Results) -> Vec<ResultTable> {
     let cell = |metric, hand| results.value(metric, Some(hand)).map_or_else(|| "–".to_owned(), number);
     let of_hands = scoped(Scope::Hand)
         .map(|m| (m.metric().name.to_owned(), [Hand::Left, Hand::Right].map(|hand| cell(m, hand)).into(), m.metric().unit.to_owned()));
-    let mut tables = vec![ResultTable { title: "Hands".into(), heads: hands.map(String::from).into(), rows: of_hands.collect() }];
+    let mut tables: Vec<ResultTable> = results.task.as_ref().map(task_table).into_iter().collect();
+    tables.push(ResultTable { title: "Hands".into(), heads: hands.map(String::from).into(), rows: of_hands.collect() });
     for (title, scope) in [("Session", Scope::Session), ("Endoscope", Scope::Camera), ("Resection", Scope::Resection)] {
         let rows: Vec<_> = scoped(scope)
             .filter_map(|m| results.value(m, None).map(|v| (m.metric().name.to_owned(), vec![number(v)], m.metric().unit.to_owned())))
@@ -217,6 +218,20 @@ fn tables(results: &Results) -> Vec<ResultTable> {
         }
     }
     tables
+}
+
+/// The goals of the task, and what it is worth.
+fn task_table(task: &TaskResult) -> ResultTable {
+    let score = task.score.as_ref().map(|score| ("Score".to_owned(), vec![number(score.score)], "of 100".to_owned()));
+    let goals = task.goals.iter().map(|goal| {
+        let (met, since) = if goal.met { ("met", goal.since_s.map(|s| format!("at {s:.1} s"))) } else { ("not met", None) };
+        (goal.name.clone(), vec![met.to_owned()], since.unwrap_or_default())
+    });
+    let penalties = task.penalties.iter().filter(|p| p.amount > 0.0).map(|p| {
+        let metric = p.error.metric();
+        (format!("{}: {} {}", metric.name, number(p.amount), metric.unit), vec![format!("-{}", number(p.seconds))], "s".to_owned())
+    });
+    ResultTable { title: "Task".into(), heads: Vec::new(), rows: score.into_iter().chain(goals).chain(penalties).collect() }
 }
 
 /// Saves the results, with a picture of what was resected, into a folder of their own.
@@ -246,24 +261,28 @@ fn save_results(world: &mut World) {
     }
 }
 
-/// The task's clock, and a few times a second what has gone wrong so far.
+/// The task's clock, and a few times a second which of its steps are done and what has gone wrong so far.
 fn update_guide(
     mut stage: ResMut<Stage>,
     mut guide: ResMut<Guide>,
     time: Res<Time<Real>>,
     cost: Res<TickCost>,
     assessment: Res<Assessment>,
+    (task, status): (Res<Task>, Res<TaskStatus>),
 ) {
     guide.time_s = cost.ticks as f64 / TICKS_PER_SECOND;
     if time.elapsed_secs_f64() >= stage.guide_due_s {
         stage.guide_due_s = time.elapsed_secs_f64() + GUIDE_S;
         guide.errors = errors(&assessment.figures());
+        let done = (0..guide.steps.len()).map(|step| status.step_done(&task, step)).collect();
+        guide.tick_off(done);
+        guide.finished_s = status.finished_s;
     }
 }
 
 /// What has gone wrong, of what has been measured.
 fn errors(figures: &[Measured]) -> Vec<(String, String)> {
-    let wrong = [MetricId::ToolCollisions, MetricId::Overload, MetricId::OutOfView, MetricId::BloodLoss];
+    let wrong = [MetricId::Dropped, MetricId::ToolCollisions, MetricId::Overload, MetricId::OutOfView, MetricId::BloodLoss];
     let of = figures.iter().filter(|m| wrong.contains(&m.metric) && m.value > 0.0);
     of.map(|m| {
         let hand = match m.hand {

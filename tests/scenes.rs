@@ -6,6 +6,7 @@ mod common;
 use common::oracle::Body;
 use keyhole::simulation::{Output, Settings, TICKS_PER_SECOND, faults, simulation};
 use keyhole::{Theatre, report::Recorder};
+use keyhole_assessment::outcome;
 use keyhole_whiteboard::{Organ, TissueMesh, TissueState};
 use std::path::{Path, PathBuf};
 
@@ -62,6 +63,12 @@ fn every_scene_performs_its_demonstration() {
                 assert!(off <= 0.02 * fragment.fallen_m + 1e-4, "{}: {fragment:?}", file.display());
             }
         }
+        // Whoever does what the demonstration shows has done the task.
+        let task = outcome(app.world_mut()).and_then(|o| o.results.task).unwrap_or_else(|| panic!("{}: there is no task", file.display()));
+        println!("{}: {}", file.display(), task.sentence());
+        assert!(task.finished_s.is_some(), "{}: {task:?}", file.display());
+        let score = task.score.unwrap_or_else(|| panic!("{}: there is no score", file.display()));
+        assert!(score.score > 30.0 && score.score <= 100.0, "{}: {score:?}", file.display());
         println!("{}: {} pieces, digest {}", file.display(), summary.cut.fragments, summary.digest);
     }
 }

@@ -7,6 +7,7 @@ pub mod failure;
 pub mod mesh;
 pub mod phantom;
 pub mod play;
+pub mod progress;
 pub mod run;
 pub mod scene;
 pub mod study;
@@ -39,6 +40,8 @@ pub enum Command {
     Cut(cut::CutArgs),
     /// Conduct an experiment and write its tables, plots and page.
     Study(study::StudyArgs),
+    /// Make one page of a trainee's results over sessions.
+    Progress(progress::ProgressArgs),
     /// Check a scene or start a new one.
     Scene(scene::SceneArgs),
     /// List HID devices, watch one, or write a profile for it.
@@ -81,6 +84,7 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
         Some(Command::Mesh(args)) => mesh::run(args),
         Some(Command::Cut(args)) => cut::run(&args),
         Some(Command::Study(args)) => study::run(&args),
+        Some(Command::Progress(args)) => progress::run(&args),
         Some(Command::Scene(args)) => scene::run(&args),
         Some(Command::Device(args)) => device::run(&args),
         Some(Command::Phantom(args)) => phantom::run(args),

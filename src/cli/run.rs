@@ -134,6 +134,9 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
     })?;
     outcome.summary.pictures = drawn_with;
     say(&outcome.summary.markdown(&outcome.costs));
+    if let Some(task) = outcome.assessed.as_ref().and_then(|a| a.results.task.as_ref()) {
+        say(&task.sentence());
+    }
     for (folder, place) in [frames].into_iter().flatten() {
         let cameras = if wanted.cameras.is_empty() { both_cameras().into() } else { wanted.cameras.clone() };
         say(&video::make(folder.path(), &place, cameras.iter().map(|(name, _)| name.as_str()), wanted.frame_rate.unwrap_or(10)));

@@ -1,8 +1,10 @@
 //! Glue: what is on the whiteboard at the end of a tick goes into the sums of the session.
 
 use crate::metrics::{Margin, Piece, Resection, ViewCone, Volumes};
-use crate::results::{Measured, Results, record};
+use crate::results::{Measured, Results, TaskResult, record};
 use crate::session::{MetricSettings, Resected, Sample, Session, ToolSample};
+use crate::task::plugin::JudgeSystems;
+use crate::task::{Task, TaskPlugin, TaskStatus};
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
 use bevy_math::Vec3;
@@ -68,12 +70,13 @@ struct Before {
 
 impl Plugin for AssessmentPlugin {
     fn build(&self, app: &mut App) {
-        app.init_resource::<AssessmentSettings>()
+        app.add_plugins(TaskPlugin)
+            .init_resource::<AssessmentSettings>()
             .init_resource::<Clamped>()
             .init_resource::<Assessment>()
             .add_observer(|_: On<SceneCleared>, mut assessment: ResMut<Assessment>| *assessment = Assessment::default())
             .add_systems(FixedPreUpdate, begin.run_if(SceneRequirements::assessment).run_if(|cost: Res<TickCost>| cost.ticks == 0))
-            .add_systems(FixedUpdate, measure.in_set(TickSystems::Assess).run_if(SceneRequirements::assessment));
+            .add_systems(FixedUpdate, measure.in_set(TickSystems::Assess).after(JudgeSystems).run_if(SceneRequirements::assessment));
     }
 }
 
@@ -110,7 +113,7 @@ type Tool<'a> =
 
 fn measure(
     mut assessment: ResMut<Assessment>,
-    clamped: Res<Clamped>,
+    (clamped, task): (Res<Clamped>, Res<TaskStatus>),
     (bleeding, clips): (Res<BleedReport>, Res<ClipReport>),
     (grasping, suturing): (Option<Res<GraspReport>>, Option<Res<SutureReport>>),
     (appliers, pads, needles, suctions): (
@@ -152,6 +155,7 @@ fn measure(
     sample.clip_errors = (!appliers.is_empty()).then_some(clips.misplaced + clips.dropped + clips.slipped);
     sample.bruised_m2 = grasping.filter(|_| !pads.is_empty()).map(|report| f64::from(report.bruised_m2));
     sample.stitches_torn = suturing.filter(|_| !needles.is_empty()).map(|report| report.torn);
+    (sample.dropped, sample.off_circle_m) = (task.drops, task.off_circle_m);
     sample.clamped = clamped.0;
     ongoing.sums.push(&ongoing.sample);
 }
@@ -169,7 +173,7 @@ fn view_cone(scope: &Endoscope) -> ViewCone {
 /// What a session has come to.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// The figures. Scene, trainee, time and scores are left to whoever knows them.
+    /// The figures, and how the task stands. Scene, trainee and time are left to whoever knows them.
     pub results: Results,
     /// The surface that was cut, all pieces together.
     pub margin: Option<Margin>,
@@ -203,10 +207,12 @@ pub fn outcome(world: &mut World) -> Option<Outcome> {
     if let Some(resected) = &mut resected {
         resected.margin.clone_from(&margin);
     }
+    let figures = ongoing.sums.figures(resected.as_ref());
     let results = Results {
         format: record::FORMAT,
         program: env!("CARGO_PKG_VERSION").into(),
-        figures: ongoing.sums.figures(resected.as_ref()),
+        task: TaskResult::of(world.resource::<Task>(), world.resource::<TaskStatus>(), &figures),
+        figures,
         margin: resected.as_ref().and_then(Resected::summary),
         ..Results::default()
     };

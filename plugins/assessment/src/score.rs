@@ -2,8 +2,12 @@
 //!
 //! The score of a task is its cutoff time less the time taken less penalties, never below zero (the MISTELS programme, from which FLS comes: Derossis et al.
 //! 1998, doi 10.1016/S0002-9610(98)00080-4; Fraser et al. 2003, doi 10.1007/s00464-002-8828-4). The examination puts scores of different tasks on one
-//! scale by a norm that is not published; here 100 % is the score of one who is proficient without an error. How much an error costs is not
-//! published either: it is one second a unit of the error here, and stands as data beside the cutoffs.
+//! scale by a norm that is not published; here 100 is the score of one who is proficient without an error, and who is faster has no more:
+//!
+//! `score = 100 (cutoff - time - penalties) / (cutoff - proficient)`, from 0 to 100; 0 where a goal is not met.
+//!
+//! How much an error costs is not published either: a scene says it, in seconds a unit. A scene that has a part of a published task alone, two of its
+//! twelve transfers for one, takes its times by that part; one that is like no published task brings times of its own, and its page says so.
 
 use serde::{Deserialize, Serialize};
 
@@ -91,13 +95,28 @@ pub const STANDARDS: [Standard; 5] = [
     },
 ];
 
+/// Between which times a score lies.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scale {
+    /// [`Standard::id`] of the published task; empty where the times are the scene's own.
+    pub task: String,
+    /// The part of the published task that the scene has, above 0 and at most 1.
+    pub share: f64,
+    /// Time after which the score is zero, s.
+    pub cutoff_s: f64,
+    /// Time of one who is proficient, s.
+    pub proficient_s: f64,
+    /// Penalties that one who is proficient may have, s.
+    pub allowed_s: f64,
+}
+
 /// How a task was done.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Attempt {
     /// Time taken, s.
     pub time_s: f64,
-    /// Errors, in the unit of the task's [`Standard::error`].
-    pub errors: f64,
+    /// What errors cost, s.
+    pub penalty_s: f64,
     /// Whether the task was finished without what is forbidden.
     pub complete: bool,
 }
@@ -105,14 +124,12 @@ pub struct Attempt {
 /// What an attempt is worth.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Score {
-    /// [`Standard::id`].
-    pub task: String,
+    /// Against what.
+    pub scale: Scale,
     /// What was done.
     pub attempt: Attempt,
-    /// Cutoff less time less penalties, not below zero, s; zero for a task that was not finished.
-    pub points: f64,
-    /// The same as a part of the points of one who is proficient without an error, %.
-    pub percent: f64,
+    /// From 0 to 100: see [`Scale::score`].
+    pub score: f64,
     /// Whether it is as good as published proficiency.
     pub proficient: bool,
 }
@@ -124,17 +141,31 @@ impl Standard {
         STANDARDS.iter().find(|s| s.id == id)
     }
 
-    /// What an attempt is worth.
+    /// The scale of a scene that has this part of the task.
+    #[must_use]
+    pub fn scale(&self, share: f64) -> Scale {
+        let [cutoff_s, proficient_s] = [self.cutoff_s, self.proficient_s].map(|s| s * share);
+        Scale { task: self.id.into(), share, cutoff_s, proficient_s, allowed_s: self.penalty_s * self.allowed }
+    }
+}
+
+impl Scale {
+    /// A scene's own times: no more than its author's word for them.
+    #[must_use]
+    pub fn own(cutoff_s: f64, proficient_s: f64) -> Self {
+        Self { task: String::new(), share: 1.0, cutoff_s, proficient_s, allowed_s: 0.0 }
+    }
+
+    /// What an attempt is worth: 100 times what is left of the cutoff after time and penalties, as a part of what is left to one who is proficient without an error; from 0 to
+    /// 100, and 0 for a task that was not finished.
     #[must_use]
     pub fn score(&self, attempt: Attempt) -> Score {
-        let left = self.cutoff_s - attempt.time_s - self.penalty_s * attempt.errors;
-        let points = if attempt.complete { left.max(0.0) } else { 0.0 };
+        let left = (self.cutoff_s - attempt.time_s - attempt.penalty_s) / (self.cutoff_s - self.proficient_s);
         Score {
-            task: self.id.into(),
+            score: if attempt.complete { 100.0 * left.clamp(0.0, 1.0) } else { 0.0 },
+            proficient: attempt.complete && attempt.time_s <= self.proficient_s && attempt.penalty_s <= self.allowed_s,
+            scale: self.clone(),
             attempt,
-            points,
-            percent: 100.0 * points / (self.cutoff_s - self.proficient_s),
-            proficient: attempt.complete && attempt.time_s <= self.proficient_s && attempt.errors <= self.allowed,
         }
     }
 }
@@ -144,26 +175,36 @@ impl Standard {
 mod tests {
     use super::*;
 
-    /// A circle cut in 150 s, at most 3 mm off the line: 300 - 150 - 3 = 147 points of 300 - 98 = 202, which is 72.8 %.
+    /// A circle cut in 150 s, at most 3 mm off the line: 300 - 150 - 3 = 147 s are left of 300 - 98 = 202 s, which is 72.8 %.
     #[test]
     fn a_pattern_cut_by_hand() {
-        let standard = Standard::of("pattern_cut").unwrap();
-        let score = standard.score(Attempt { time_s: 150.0, errors: 3.0, complete: true });
-        assert_eq!(score.points, 147.0);
-        assert!((score.percent - 72.772).abs() < 1e-3 && !score.proficient);
-        assert!(standard.score(Attempt { time_s: 98.0, errors: 2.0, complete: true }).proficient);
-        assert!(!standard.score(Attempt { time_s: 98.0, errors: 2.1, complete: true }).proficient);
-        assert_eq!(standard.score(Attempt { time_s: 301.0, errors: 0.0, complete: true }).points, 0.0);
-        assert_eq!(standard.score(Attempt { time_s: 50.0, errors: 0.0, complete: false }).points, 0.0);
+        let scale = Standard::of("pattern_cut").unwrap().scale(1.0);
+        let of = |time_s, penalty_s, complete| scale.score(Attempt { time_s, penalty_s, complete });
+        let score = of(150.0, 3.0, true);
+        assert!((score.score - 72.772).abs() < 1e-3 && !score.proficient);
+        assert!(of(98.0, 2.0, true).proficient && !of(98.0, 2.1, true).proficient);
+        assert_eq!(of(301.0, 0.0, true).score, 0.0);
+        assert_eq!(of(50.0, 0.0, false).score, 0.0);
+        assert_eq!(of(50.0, 0.0, true).score, 100.0, "no more for being faster");
+    }
+
+    /// Two of the twelve transfers: 50 s less 19.5 s less one drop at 5 s is 25.5 s of 50 - 8 = 42 s, which is 60.7 %.
+    #[test]
+    fn a_part_of_a_task_by_hand() {
+        let scale = Standard::of("peg_transfer").unwrap().scale(2.0 / 12.0);
+        let score = scale.score(Attempt { time_s: 19.5, penalty_s: 5.0, complete: true });
+        assert!((score.score - 60.714).abs() < 1e-3 && !score.proficient, "{score:?}");
     }
 
     #[test]
     fn one_who_is_proficient_has_all_points() {
         for standard in &STANDARDS {
-            let score = standard.score(Attempt { time_s: standard.proficient_s, errors: 0.0, complete: true });
-            assert!(score.proficient && (score.percent - 100.0).abs() < 1e-9);
+            let scale = standard.scale(1.0);
+            let score = scale.score(Attempt { time_s: standard.proficient_s, penalty_s: 0.0, complete: true });
+            assert!(score.proficient && (score.score - 100.0).abs() < 1e-9);
             assert_eq!(Standard::of(standard.id), Some(standard));
         }
         assert_eq!(Standard::of("appendectomy"), None);
+        assert_eq!(Scale::own(60.0, 20.0).score(Attempt { time_s: 30.0, penalty_s: 10.0, complete: true }).score, 50.0);
     }
 }

@@ -62,6 +62,10 @@ pub struct Sample {
     pub bruised_m2: Option<f64>,
     /// Bites that have torn out so far; `None` where there is no suture.
     pub stitches_torn: Option<u64>,
+    /// How often something was dropped so far; `None` where there is no task or nothing that holds.
+    pub dropped: Option<u32>,
+    /// How far what was cut out is off its circle, m; `None` while nothing has been cut out.
+    pub off_circle_m: Option<f64>,
     /// Whether the supplying vessels are clamped; `None` where there is nothing to clamp.
     pub clamped: Option<bool>,
 }
@@ -81,6 +85,8 @@ pub struct Session {
     clip_errors: Option<u32>,
     bruised_m2: Option<f64>,
     stitches_torn: Option<u64>,
+    dropped: Option<u32>,
+    off_circle_m: Option<f64>,
     clamp_s: Option<f64>,
 }
 
@@ -119,6 +125,8 @@ impl Session {
             clip_errors: None,
             bruised_m2: None,
             stitches_torn: None,
+            dropped: None,
+            off_circle_m: None,
             clamp_s: None,
         }
     }
@@ -152,6 +160,8 @@ impl Session {
         self.clip_errors = sample.clip_errors.or(self.clip_errors);
         self.bruised_m2 = sample.bruised_m2.or(self.bruised_m2);
         self.stitches_torn = sample.stitches_torn.or(self.stitches_torn);
+        self.dropped = sample.dropped.or(self.dropped);
+        self.off_circle_m = sample.off_circle_m.or(self.off_circle_m);
         if let Some(clamped) = sample.clamped {
             *self.clamp_s.get_or_insert(0.0) += if clamped { self.dt_s } else { 0.0 };
         }
@@ -191,6 +201,8 @@ impl Session {
             MetricId::ClipErrors => self.clip_errors.map(f64::from),
             MetricId::Bruised => self.bruised_m2.map(|a| a * 1e6),
             MetricId::StitchesTorn => self.stitches_torn.map(|n| n as f64),
+            MetricId::Dropped => self.dropped.map(f64::from),
+            MetricId::OffTheLine => self.off_circle_m.map(|m| m * 1e3),
             MetricId::ClampTime => self.clamp_s,
             _ => None,
         }
@@ -278,6 +290,8 @@ mod tests {
                 clip_errors: Some(3),
                 bruised_m2: Some(if tick > 7 { 3e-6 } else { 0.0 }),
                 stitches_torn: None,
+                dropped: Some(1),
+                off_circle_m: None,
                 clamped: Some(tick >= 8),
             });
         }

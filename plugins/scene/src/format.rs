@@ -24,6 +24,9 @@ pub struct Scene {
     /// What the trainee is to do, step by step, a line each. Default none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub guidance: Vec<String>,
+    /// What is to be reached, and what it is worth. Default none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub task: Option<crate::task::SceneTask>,
     /// Gravity, m/s2. Default (0, -9.81, 0).
     #[serde(default = "default_gravity")]
     pub gravity: Triple,

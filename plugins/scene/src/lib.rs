@@ -18,10 +18,12 @@ pub mod solid;
 pub mod starter;
 pub mod surface;
 pub mod suture;
+pub mod task;
 pub mod vessel;
 
 pub use check::{Problem, check};
 pub use error::SceneError;
 pub use format::*;
 pub use load::{load, parse};
+pub use task::{SceneBox, SceneGoal, SceneMishap, ScenePenalty, ScenePublished, SceneScore, SceneTask, SceneWant};
 pub use vessel::{SceneClips, SceneVessel, SceneVesselEnd};

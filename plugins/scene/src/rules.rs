@@ -34,6 +34,9 @@ pub(crate) fn problems(scene: &Scene, folder: &Path) -> Found {
     for (i, suture) in scene.sutures.iter().enumerate() {
         rules.suture(&format!("sutures[{i}]"), suture, scene);
     }
+    if let Some(task) = &scene.task {
+        rules.below("task", task.problems(scene));
+    }
     if let Some(demonstration) = &scene.demonstration {
         rules.demonstration(scene, demonstration);
     }

@@ -252,6 +252,13 @@ fn text(plan: &Plan, name: &str) -> String {
     version: 1,
     name: "{name}",
     description: "Resection of the tumour in one sweep of the blade.",
+    // What the trainee is told, and what the program looks for: docs/scenes.md has all that can be wanted. The times of the score are a guess: make them yours.
+    guidance: ["Sweep the hook through the organ, pedal down, until the piece falls."],
+    task: (
+        goals: [(name: "A piece has come free", want: CutThrough(organ: "kidney"), step: 1)],
+        penalties: [(error: ToolCollisions, seconds: 2)],
+        score: Own(cutoff_s: 120, proficient_s: 20),
+    ),
     gravity: (0.0, -9.81, 0.0), // m/s2
 
     organs: [

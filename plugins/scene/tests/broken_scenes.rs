@@ -35,7 +35,7 @@ const SOUND: &str = r#"(
 )"#;
 
 /// What goes wrong, what stands in the sound scene, and what somebody wrote instead.
-const MISTAKES: [(&str, &str, &str); 18] = [
+const MISTAKES: [(&str, &str, &str); 24] = [
     ("a comma forgotten", "name: \"Sheet\",", "name: \"Sheet\""),
     ("a bracket too few", "    ),\n)", "    ,\n)"),
     ("a field misspelt", "attachments: [(region", "atachments: [(region"),
@@ -53,6 +53,36 @@ const MISTAKES: [(&str, &str, &str); 18] = [
     ("snapping too far", "snap: 0.2", "snap: 0.7"),
     ("a direction that is none", "normal: (1.0, 0.0, 0.0)", "normal: (0.0, 0.0, 0.0)"),
     ("time that goes back", "time_s: 1.0", "time_s: -1.0"),
+    (
+        "a goal for an organ that there is not",
+        "    endoscope:",
+        "    task: (goals: [(name: \"cut\", want: CutThrough(organ: \"shet\"))]),\n    endoscope:",
+    ),
+    (
+        "a goal that there is not",
+        "    endoscope:",
+        "    task: (goals: [(name: \"cut\", want: CutTrough(organ: \"sheet\"))]),\n    endoscope:",
+    ),
+    (
+        "a peg that is a table",
+        "    endoscope:",
+        "    task: (goals: [(name: \"put\", want: Round(organ: \"sheet\", pegs: [\"table\"]))]),\n    endoscope:",
+    ),
+    (
+        "a step without guidance",
+        "    endoscope:",
+        "    task: (goals: [(name: \"cut\", want: CutThrough(organ: \"sheet\"), step: 2)]),\n    endoscope:",
+    ),
+    (
+        "scissors that are to hold",
+        "    endoscope:",
+        "    task: (goals: [(name: \"hold\", want: Held(organ: \"sheet\", hands: [Right]))]),\n    endoscope:",
+    ),
+    (
+        "proficient after the cutoff",
+        "    endoscope:",
+        "    task: (goals: [(name: \"cut\", want: CutThrough(organ: \"sheet\"))], score: Own(cutoff_s: 20, proficient_s: 30)),\n    endoscope:",
+    ),
     ("a needle in scissors", "    endoscope:", "    sutures: [(held_by: Right)],\n    endoscope:"),
 ];
 

@@ -22,6 +22,8 @@ pub enum MetricId {
     Bruised,
     StitchesTorn,
     ToolCollisions,
+    Dropped,
+    OffTheLine,
     Horizon,
     Centring,
     Distance,
@@ -91,7 +93,7 @@ const OURS: &str = "Own definition";
 
 impl MetricId {
     /// All, in the order in which they are shown.
-    pub const ALL: [Self; 30] = [
+    pub const ALL: [Self; 32] = [
         Self::Time,
         Self::PathLength,
         Self::Depth,
@@ -107,6 +109,8 @@ impl MetricId {
         Self::Bruised,
         Self::StitchesTorn,
         Self::ToolCollisions,
+        Self::Dropped,
+        Self::OffTheLine,
         Self::Horizon,
         Self::Centring,
         Self::Distance,
@@ -231,6 +235,22 @@ impl MetricId {
                 Less,
                 "How often two instruments began to touch inside the body; touches less than 0.1 s apart are one.",
                 "Tool collisions: a common metric of simulators; the 0.1 s are ours",
+            ),
+            Self::Dropped => of(
+                "Dropped",
+                "",
+                Session,
+                Less,
+                "How often something that nothing but jaws held was let go of and fell by more than 10 mm.",
+                "Objects dropped are an error of FLS; the 10 mm are ours",
+            ),
+            Self::OffTheLine => of(
+                "Off the line",
+                "mm",
+                Session,
+                Less,
+                "The largest distance of the rim of what was cut out from the circle that it was to be cut along, in the rest shape.",
+                "The error of FLS's pattern cut: Ritter & Scott 2007, doi 10.1177/1553350607302329",
             ),
             Self::Horizon => {
                 of("Horizon", "degrees", Camera, Less, "Angle between the picture's horizontal and the horizon, mean over time.", CAMERA)

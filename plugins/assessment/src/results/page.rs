@@ -5,7 +5,6 @@ use crate::metrics::{Margin, MetricId};
 use crate::results::document::{date, figure, frame, number};
 use crate::results::plots::{PlotError, cut_surface, histogram};
 use crate::results::record::Results;
-use crate::score::Standard;
 use keyhole_whiteboard::Hand;
 use maud::{Markup, html};
 
@@ -21,7 +20,7 @@ pub fn page(results: &Results, margin: Option<&Margin>) -> Result<String, PlotEr
             @if !results.trainee.is_empty() { (results.trainee) ", " }
             (date(results.ended_unix_s)) ", Keyhole " (results.program) "."
         }
-        @for score in &results.scores { (score_line(score)) }
+        @if let Some(task) = &results.task { (task.markup()) }
         h2 { "Hands" }
         (hands(results))
         @for (title, scope) in [("Session", Scope::Session), ("Endoscope", Scope::Camera), ("Resection", Scope::Resection)] {
@@ -40,19 +39,6 @@ pub fn page(results: &Results, margin: Option<&Margin>) -> Result<String, PlotEr
         (definitions())
     };
     Ok(frame(&results.scene, &body))
-}
-
-fn score_line(score: &crate::score::Score) -> Markup {
-    let Some(standard) = Standard::of(&score.task) else { return html! {} };
-    html! {
-        p {
-            strong { (standard.name) ": " (number(score.percent)) " %" } " of the points of one who is proficient ("
-            (number(score.points)) " = " (number(standard.cutoff_s)) " s less the time, " (number(score.attempt.time_s)) " s, less "
-            (number(standard.penalty_s)) " s each of " (number(score.attempt.errors)) " (" (standard.error) ")). "
-            @if score.proficient { span.yes { "Proficient" } } @else { span.no { "Not yet proficient" } }
-            ": " (number(standard.proficient_s)) " s with at most " (number(standard.allowed)) ", and without: " (standard.forbidden) ". " (standard.source) "."
-        }
-    }
 }
 
 fn hands(results: &Results) -> Markup {

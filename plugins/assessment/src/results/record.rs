@@ -1,7 +1,7 @@
 //! The figures of a session, and the files that keep them.
 
 use crate::metrics::{Margin, MetricId};
-use crate::score::Score;
+use crate::results::tasks::TaskResult;
 use keyhole_whiteboard::Hand;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -25,9 +25,9 @@ pub struct Results {
     pub ended_unix_s: u64,
     /// The figures.
     pub figures: Vec<Measured>,
-    /// Scores of the scene's tasks.
+    /// How the scene's task was done; `None` where there is none.
     #[serde(default)]
-    pub scores: Vec<Score>,
+    pub task: Option<TaskResult>,
     /// The distribution of the margin over the surface that was cut.
     #[serde(default)]
     pub margin: Option<MarginSummary>,
@@ -86,7 +86,7 @@ impl Results {
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 
-    /// As CSV: `metric,hand,value,unit`, a line a figure.
+    /// As CSV: `metric,hand,value,unit`, a line a figure; then of a task its `score`, and of each goal, named `goal: NAME`, whether it was met: 1 or 0.
     ///
     /// # Errors
     /// None in practice: it is written to memory.
@@ -95,6 +95,14 @@ impl Results {
         writer.write_record(["metric", "hand", "value", "unit"])?;
         for m in &self.figures {
             writer.write_record([m.metric.id().as_str(), hand_name(m.hand), &m.value.to_string(), m.metric.metric().unit])?;
+        }
+        if let Some(task) = &self.task {
+            if let Some(score) = &task.score {
+                writer.write_record(["score", "", &score.score.to_string(), "of 100"])?;
+            }
+            for goal in &task.goals {
+                writer.write_record([format!("goal: {}", goal.name).as_str(), "", if goal.met { "1" } else { "0" }, "met"])?;
+            }
         }
         let bytes = writer.into_inner().map_err(|e| e.into_error())?;
         Ok(String::from_utf8_lossy(&bytes).into_owned())
