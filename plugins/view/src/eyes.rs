@@ -3,9 +3,10 @@
 use crate::layers;
 use crate::optics::{Lens, eye_pose};
 use crate::orbit::OrbitState;
-use bevy::anti_alias::fxaa::Fxaa;
+use bevy::anti_alias::fxaa::{Fxaa, Sensitivity};
 use bevy::camera::Viewport;
 use bevy::camera::visibility::RenderLayers;
+use bevy::core_pipeline::prepass::DepthPrepass;
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::math::Vec3A;
 use bevy::prelude::*;
@@ -125,18 +126,18 @@ const INSET_HEIGHT: f32 = 0.36;
 /// Distance of the lenses of a stereo endoscope when its scene says none, m: that of common 10 mm scopes.
 const STEREO_BASE_M: f32 = 0.0045;
 
-/// How edges are smoothed: by multisampling, but where the adapter is software that costs a third of a frame, and a filter does. The filter goes over the
-/// whole target, which an inset is not worth.
-pub fn smooth_edges(
+/// Spares an adapter that is software. There, multisampling costs a third of a frame, and a filter of the plainest edges does instead: it goes over the whole
+/// target, which an inset is not worth. What lies behind something else is found out before it is shaded.
+pub fn spare_software(
     mut commands: Commands,
     adapter: Option<Res<RenderAdapterInfo>>,
     eyes: Query<(Entity, Option<&WindowEye>), Added<Eye>>,
 ) {
     if adapter.is_some_and(|a| a.device_type == wgpu::DeviceType::Cpu) {
         for (eye, of_window) in &eyes {
-            commands.entity(eye).insert(Msaa::Off);
+            commands.entity(eye).insert((Msaa::Off, DepthPrepass));
             if of_window != Some(&WindowEye::Inset) {
-                commands.entity(eye).insert(Fxaa::default());
+                commands.entity(eye).insert(Fxaa { edge_threshold: Sensitivity::Low, edge_threshold_min: Sensitivity::Low, ..default() });
             }
         }
     }
