@@ -57,6 +57,8 @@ impl Plugin for ViewPlugin {
         app.init_resource::<KeyMap>().world_mut().resource_mut::<KeyMap>().push_all(&KEYS);
         build_darkroom(app, self.picture_size);
         app.add_plugins(FullscreenMaterialPlugin::<Lens>::default())
+            // Beside what the cameras show.
+            .insert_resource(ClearColor(Color::BLACK))
             .init_resource::<ViewMode>()
             .init_resource::<ViewLayout>()
             .init_resource::<ScopeFog>()
