@@ -290,6 +290,7 @@ fn look(app: &mut App, tick: u64, still: bool, extents: &mut std::collections::H
         if stretched > tally.most_stretched {
             tally.most_stretched = stretched;
             tally.stretched = format!("{} of {} tetrahedra in tick {tick}", organ.name, mesh.0.tet_count());
+            assert!(stretched <= MOST_STRETCHED, "{stretched} times: {}", tally.stretched);
         }
         for contact in &contacts.0 {
             match contact.against {

@@ -8,6 +8,7 @@ use crate::report::folder;
 use crate::simulation::{Output, Settings, TICKS_PER_SECOND, simulation};
 use crate::stage::StagePlugin;
 use crate::theatre::{Theatre, default_scene as find_default_scene};
+use bevy::diagnostic::FrameCount;
 use bevy::prelude::*;
 use bevy::window::PrimaryWindow;
 use clap::ValueEnum;
@@ -151,6 +152,8 @@ struct Closing {
     /// On the start screen no tick runs: then after this much time by the clock, s.
     after_s: Option<f64>,
     picture: Option<PathBuf>,
+    /// Frames drawn and time (s) when the first tick came: before that pipelines are made.
+    begun: (u32, f64),
 }
 
 fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Failure> {
@@ -172,7 +175,7 @@ fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Fa
     }
     if let Some(seconds) = seconds {
         let after_tick = (seconds * TICKS_PER_SECOND).ceil() as u64;
-        app.insert_resource(Closing { after_tick, after_s: start.then_some(seconds), picture }).add_systems(Last, close);
+        app.insert_resource(Closing { after_tick, after_s: start.then_some(seconds), picture, begun: (0, 0.0) }).add_systems(Last, close);
     }
     match app.run() {
         AppExit::Success => Ok(()),
@@ -182,18 +185,26 @@ fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Fa
 
 fn close(
     cost: Res<TickCost>,
-    time: Res<Time<Real>>,
+    (time, frames): (Res<Time<Real>>, Res<FrameCount>),
     mut closing: ResMut<Closing>,
     mut requests: ResMut<PictureRequests>,
     pending: Res<PicturesPending>,
     mut exit: MessageWriter<AppExit>,
 ) {
+    let now = (frames.0, time.elapsed_secs_f64());
+    if cost.ticks == 0 {
+        closing.begun = now;
+    }
     let long_enough = closing.after_s.is_some_and(|s| time.elapsed_secs_f64() >= s);
     if cost.ticks < closing.after_tick && !long_enough {
         return;
     }
     if let Some(path) = closing.picture.take() {
         requests.0.push(PictureRequest { path, of: PictureOf::Window });
+        let (frames, length_s) = (now.0 - closing.begun.0, now.1 - closing.begun.1);
+        if frames > 0 {
+            say(&format!("{frames} frames in {length_s:.1} s: {:.1} a second", f64::from(frames) / length_s));
+        }
     } else if pending.0 == 0 && requests.0.is_empty() {
         exit.write(AppExit::Success);
     }

@@ -18,6 +18,7 @@ mod lanes_blocks;
 mod lanes_crew;
 mod lanes_parts;
 mod lanes_rows;
+mod loose;
 pub mod material;
 pub mod membrane;
 pub mod model;

@@ -5,6 +5,7 @@ use crate::body::Body;
 use crate::clusters::Clusters;
 use crate::element::Element;
 use crate::gradients::{Equation, Gradients, Spring, Stop, System, size};
+use crate::loose::settle_loose;
 use crate::membrane::Membrane;
 use crate::multilevel::{GRAIN, Lever, Multilevel};
 use crate::rows::{CHUNK, Forces, Inertia, Rows};
@@ -420,6 +421,10 @@ pub(crate) fn minimise(
         }
     }
     touches.look(parts);
+    if parts.iter().any(|p| !p.newton.clusters.loose.is_empty()) {
+        look(parts, touches, weights);
+        settle_loose(parts, touches, weights);
+    }
     if touches.bear() && !parts.iter().any(|p| p.newton.is_fixed(p.tissue.body)) {
         look(parts, touches, weights);
         let (mut left, mut mass) = (DVec3::ZERO, 0.0);
@@ -427,7 +432,7 @@ pub(crate) fn minimise(
             left += newton.gradients.residual.iter().map(|r| r.as_dvec3()).sum::<DVec3>();
             mass += tissue.body.masses.iter().map(|m| f64::from(*m)).sum::<f64>();
         }
-        let shift = touches.balance(parts, left, mass * f64::from(weights.inertia));
+        let shift = touches.balance(parts, |_| true, left, mass * f64::from(weights.inertia));
         for newton in parts.iter_mut().map(|p| &mut *p.newton) {
             for (x, _) in newton.x.iter_mut().zip(&newton.free).filter(|(_, free)| **free) {
                 *x += shift;

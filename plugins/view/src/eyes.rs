@@ -6,6 +6,7 @@ use crate::orbit::OrbitState;
 use bevy::anti_alias::fxaa::Fxaa;
 use bevy::camera::Viewport;
 use bevy::camera::visibility::RenderLayers;
+use bevy::core_pipeline::prepass::DepthPrepass;
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::math::Vec3A;
 use bevy::prelude::*;
@@ -125,17 +126,13 @@ const INSET_HEIGHT: f32 = 0.36;
 /// Distance of the lenses of a stereo endoscope when its scene says none, m: that of common 10 mm scopes.
 const STEREO_BASE_M: f32 = 0.0045;
 
-/// How edges are smoothed: by multisampling, but where the adapter is software that costs a third of a frame, and a filter does. The filter goes over the
-/// whole target, which an inset is not worth.
-pub fn smooth_edges(
-    mut commands: Commands,
-    adapter: Option<Res<RenderAdapterInfo>>,
-    eyes: Query<(Entity, Option<&WindowEye>), Added<Eye>>,
-) {
+/// Spares an adapter that is software. There, multisampling costs a third of a frame; a filter does instead, and that only for pictures: it goes over the whole
+/// target and costs a fifth. What lies behind something else is found out before it is shaded.
+pub fn spare_software(mut commands: Commands, adapter: Option<Res<RenderAdapterInfo>>, eyes: Query<(Entity, Has<WindowEye>), Added<Eye>>) {
     if adapter.is_some_and(|a| a.device_type == wgpu::DeviceType::Cpu) {
         for (eye, of_window) in &eyes {
-            commands.entity(eye).insert(Msaa::Off);
-            if of_window != Some(&WindowEye::Inset) {
+            commands.entity(eye).insert((Msaa::Off, DepthPrepass));
+            if !of_window {
                 commands.entity(eye).insert(Fxaa::default());
             }
         }
@@ -200,6 +197,11 @@ fn share(eye: WindowEye, layout: ViewLayout, mode: ViewMode, has_scope: bool, wi
     let stereo = layout == ViewLayout::SideBySide && mode == ViewMode::Laparoscopic && has_scope;
     match eye {
         WindowEye::Main if stereo => Some((EyeOf::Scope(ScopeEye::Left), Some(part(low, half)))),
+        // The round picture of a wide window leaves its sides black: nothing is drawn there.
+        WindowEye::Main if mode == ViewMode::Laparoscopic && has_scope && window.x > window.y => {
+            let left = UVec2::new((window.x - window.y) / 2, 0);
+            Some((mode.into(), Some(part(left, UVec2::splat(window.y)))))
+        }
         WindowEye::Main => Some((mode.into(), None)),
         WindowEye::Second if stereo => Some((EyeOf::Scope(ScopeEye::Right), Some(part(low.with_x(window.x / 2 + low.x), half)))),
         WindowEye::Inset if layout == ViewLayout::Inset && has_scope => {
@@ -322,6 +324,8 @@ mod tests {
                     assert_eq!(open, eye == WindowEye::Main, "without an endoscope there is one view");
                 }
             }
+            let square = (mode == ViewMode::Laparoscopic).then_some((UVec2::new(280, 0), UVec2::splat(720)));
+            assert_eq!(place(at(WindowEye::Main, ViewLayout::Single, mode, true)), square, "a round picture fits into a square");
             let inset = at(WindowEye::Inset, ViewLayout::Inset, mode, true);
             assert_eq!(inset.map(|s| s.0), Some(other(mode).into()));
         }

@@ -3,7 +3,7 @@
 use crate::anatomy::{AnatomyBounds, draw_anatomy};
 use crate::blood::{Blood, DrawnBlood, bleeds, draw_blood, flow_blood};
 use crate::clips::{draw_clips, move_clips};
-use crate::eyes::{ScopeFog, SpecimenView, ViewLayout, aim_eyes, arrange_window, fog_lens, open_window_eyes, smooth_edges, switch_view};
+use crate::eyes::{ScopeFog, SpecimenView, ViewLayout, aim_eyes, arrange_window, fog_lens, open_window_eyes, spare_software, switch_view};
 use crate::fairing::FairingSettings;
 use crate::framing::{Framing, frame_scene};
 use crate::materials::TissueMaterials;
@@ -57,6 +57,8 @@ impl Plugin for ViewPlugin {
         app.init_resource::<KeyMap>().world_mut().resource_mut::<KeyMap>().push_all(&KEYS);
         build_darkroom(app, self.picture_size);
         app.add_plugins(FullscreenMaterialPlugin::<Lens>::default())
+            // Beside what the cameras show.
+            .insert_resource(ClearColor(Color::BLACK))
             .init_resource::<ViewMode>()
             .init_resource::<ViewLayout>()
             .init_resource::<ScopeFog>()
@@ -88,7 +90,7 @@ impl Plugin for ViewPlugin {
                 (
                     (drop_orphans, draw_anatomy, draw_tools, draw_fittings).chain(),
                     (switch_fairing, draw_organs, frame_scene).chain(),
-                    (switch_view, fog_lens, develop, arrange_window, smooth_edges).chain(),
+                    (switch_view, fog_lens, develop, arrange_window, spare_software).chain(),
                 ),
             )
             .add_systems(Update, (draw_sutures.after(drop_orphans), move_sutures).chain())
