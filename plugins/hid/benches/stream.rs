@@ -4,6 +4,8 @@
 //! the moment of sending until the newest state is there to be read, and until a tick that begins then has put it on the whiteboard. A tick
 //! begins at most one tick later, so that is the part beyond a tick. The error beside the time: how many of the states that were read were not the newest that had been
 //! sent, and by how much the reading differs from what was sent.
+//!
+//! `STREAM_SECONDS` (default 5) is how long the stream lasts.
 #![expect(clippy::unwrap_used, reason = "a bench panics where it fails")]
 
 use bevy_app::prelude::*;
@@ -16,7 +18,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 const COUNTS: i64 = 65_535;
-const REPORTS: u32 = 5000;
+
+/// How many reports the stream has.
+fn reports() -> u32 {
+    let seconds = std::env::var("STREAM_SECONDS").ok().map_or(5, |text| text.parse().expect("STREAM_SECONDS is a whole number of seconds"));
+    1000 * seconds
+}
 
 fn profile() -> Profile {
     let filter = "filter: (min_cutoff_hz: 10.0, beta: 1.0)";
@@ -142,7 +149,8 @@ fn to_the_newest() {
     let mut times = Vec::new();
     let began = Instant::now();
     let (mut stale, mut worst) = (0u32, 0f64);
-    for i in 0..REPORTS {
+    let reports = reports();
+    for i in 0..reports {
         let due = began + Duration::from_millis(u64::from(i));
         thread::sleep(due.saturating_duration_since(Instant::now()));
         let sent = Instant::now();
@@ -157,7 +165,7 @@ fn to_the_newest() {
         worst = worst.max((newest.hands[0].at[0].unwrap_or(f64::NAN) - expected).abs());
     }
     let (wall, cpu) = (began.elapsed().as_secs_f64(), cpu_s("device"));
-    println!("report in to newest state, {REPORTS} reports at 1000 Hz with force out at 500 Hz: {}", percentiles(times));
+    println!("report in to newest state, {reports} reports at 1000 Hz with force out at 500 Hz: {}", percentiles(times));
     println!("  states that were not the newest: {stale}; largest error of an unfiltered axis: {worst:.1e} rad");
     if let Some(cpu) = cpu {
         println!("  the device's thread: {:.2} % of a core", 100.0 * cpu / wall);
