@@ -259,7 +259,7 @@ impl Found {
     }
 
     fn span(&mut self, path: &str, of: &SceneBox) {
-        if (0..3).any(|k| !(of.min[k] <= of.max[k]) || !of.min[k].is_finite() || !of.max[k].is_finite()) {
+        if (0..3).any(|k| of.min[k] > of.max[k] || !of.min[k].is_finite() || !of.max[k].is_finite()) {
             self.say(format!("{path}.max"), "is below `min`, or not a number: exchange them, axis by axis");
         }
     }
