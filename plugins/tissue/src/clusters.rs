@@ -96,6 +96,11 @@ impl Clusters {
         (self.nodes.iter().filter(|n| !n.is_empty()).count(), self.children.iter().filter(|c| !c.is_empty()).count())
     }
 
+    /// Whether a node is of a part that hangs together with nothing else.
+    pub(crate) fn is_loose(&self, node: u32) -> bool {
+        self.loose.iter().any(|part| part.binary_search(&node).is_ok())
+    }
+
     /// Large cluster of a node.
     pub(crate) fn large_of(&self, node: usize) -> u32 {
         let small = self.of_node[node];

@@ -33,6 +33,7 @@ pub mod rows;
 pub mod settings;
 pub(crate) mod skin;
 pub mod sleep;
+mod strain_limit;
 pub mod teschner;
 mod touch;
 mod touches;
