@@ -266,7 +266,7 @@ fn a_stack_sleeps_and_wakes() {
 fn a_scrap_falls_freely_beside_what_is_hit() {
     let cube = block([4, 4, 4], [0.02; 3]);
     let size = 2e-4;
-    let scrap = [DVec3::ZERO, DVec3::X * size, DVec3::Y * size, DVec3::Z * size].map(|p| p + DVec3::new(0.05, 1.0, 0.0));
+    let scrap = [DVec3::ZERO, DVec3::X * size, DVec3::Y * size, DVec3::Z * size].map(|p| p + DVec3::new(0.05, 0.1, 0.0));
     let nodes: Vec<DVec3> = cube.nodes().map(|n| cube.rest(n)).chain(scrap).collect();
     let first = nodes.len() as u32 - 4;
     let tets: Vec<[u32; 4]> = cube.iter().map(|(_, c)| c.map(|n| n.0)).chain([[first, first + 1, first + 2, first + 3]]).collect();
@@ -279,12 +279,12 @@ fn a_scrap_falls_freely_beside_what_is_hit() {
     }
     let fell = |t: &Thing| t.state.velocities[first as usize..].iter().sum::<Vec3>() / 4.0;
     let mut most = 0.0_f32;
-    for i in 1..=20 {
+    for i in 1..=8 {
         tick(&mut thing, &[ground], None, GRAVITY, &settings());
         most = most.max(thing[0].force_from(ground.entity).length());
         let expected = GRAVITY * (i as f32 * DT);
         let got = fell(&thing[0]);
         assert!((got - expected).length() < 1e-3, "tick {i}: {got} m/s instead of {expected}");
     }
-    assert!(most > 20.0 * mass * 9.81, "the body is hit: {most} N");
+    assert!(most > 3.0 * mass * 9.81, "the body is hit: {most} N");
 }
