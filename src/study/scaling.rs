@@ -26,7 +26,7 @@ pub struct ScalingPlan {
     pub toggled: PathBuf,
     /// Those modules.
     pub modules: Vec<Module>,
-    /// Ticks before and while blocks and organs are measured; [`ASLEEP_TICKS`] before those that sleep.
+    /// Ticks before and while blocks and organs are measured; those that are to sleep get as long as that takes before.
     pub ticks: [u64; 2],
     /// Ticks of a scene; without it its whole demonstration.
     pub scene_ticks: Option<u64>,
