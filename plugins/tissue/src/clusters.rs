@@ -38,8 +38,6 @@ pub struct Clusters {
     pub(crate) parent: Vec<u32>,
     /// Small clusters of each large one, ascending.
     pub(crate) children: Vec<Vec<u32>>,
-    /// What hangs together with nothing else, but for the part with most nodes: the nodes of each, ascending.
-    pub(crate) loose: Vec<Vec<u32>>,
     /// Small clusters that are not in use.
     unused: Vec<u32>,
 }
@@ -62,43 +60,12 @@ impl Clusters {
                 clusters.add(piece, parent);
             }
         }
-        clusters.find_loose(rows);
         clusters
-    }
-
-    /// Finds what is loose.
-    fn find_loose(&mut self, rows: &Rows) {
-        let mut seen: Vec<bool> = self.of_node.iter().map(|c| *c == NONE).collect();
-        let mut all: Vec<Vec<u32>> = Vec::new();
-        while let Some(first) = seen.iter().position(|s| !s) {
-            seen[first] = true;
-            let mut part = vec![first as u32];
-            let mut at = 0;
-            while let Some(node) = part.get(at).copied() {
-                for n in rows.neighbours(node as usize) {
-                    if !std::mem::replace(&mut seen[*n as usize], true) {
-                        part.push(*n);
-                    }
-                }
-                at += 1;
-            }
-            part.sort_unstable();
-            all.push(part);
-        }
-        if let Some(main) = (0..all.len()).max_by_key(|at| (all[*at].len(), std::cmp::Reverse(*at))) {
-            all.remove(main);
-        }
-        self.loose = all;
     }
 
     /// Number of small and of large clusters.
     pub(crate) fn count(&self) -> (usize, usize) {
         (self.nodes.iter().filter(|n| !n.is_empty()).count(), self.children.iter().filter(|c| !c.is_empty()).count())
-    }
-
-    /// Whether a node is of a part that hangs together with nothing else.
-    pub(crate) fn is_loose(&self, node: u32) -> bool {
-        self.loose.iter().any(|part| part.binary_search(&node).is_ok())
     }
 
     /// Large cluster of a node.
@@ -164,7 +131,6 @@ impl Clusters {
             self.join_large(large, size, rows);
         }
         self.close_up();
-        self.find_loose(rows);
     }
 
     /// Takes a cluster's nodes over by one beside it that has room for them, if they have become few.
@@ -318,7 +284,7 @@ impl Clusters {
     #[must_use]
     pub fn bytes(&self) -> usize {
         let lists = |l: &[Vec<u32>]| l.iter().map(|v| v.capacity() * 4 + size_of::<Vec<u32>>()).sum::<usize>();
-        4 * (self.of_node.capacity() + self.parent.capacity()) + lists(&self.nodes) + lists(&self.children) + lists(&self.loose)
+        4 * (self.of_node.capacity() + self.parent.capacity()) + lists(&self.nodes) + lists(&self.children)
     }
 }
 

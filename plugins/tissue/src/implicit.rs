@@ -34,7 +34,6 @@ use crate::membrane::Membrane;
 use crate::newton::{Astray, Care, FRESH, Newton, Part, TANGLED, Tangent, Tissue, Weights, minimise};
 use crate::rescue;
 use crate::settings::{TimeStepping, TissueSettings};
-use crate::strain_limit::limit_strain;
 use crate::touches::{Grips, Touches};
 use bevy_math::{DMat3, DVec3, Vec3, Vec3A};
 use keyhole_whiteboard::{TissuePoint, TissueState};
@@ -218,13 +217,6 @@ fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32,
             careful_substep(movers, touches, step, settings);
         }
     });
-    if !touches.is_empty() {
-        for Mover { body, solver, state, .. } in movers.iter_mut() {
-            if limit_strain(body, state, &solver.newton.free) > 0 {
-                solver.past.h = 0.0;
-            }
-        }
-    }
     // With contacts there is care without need.
     for Mover { solver, .. } in movers.iter_mut().filter(|_| touches.is_empty()) {
         solver.astray_s = if solver.careful > 0 { solver.astray_s + dt } else { (solver.astray_s - dt / 2.0).max(0.0) };

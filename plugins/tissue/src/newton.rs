@@ -5,12 +5,10 @@ use crate::body::Body;
 use crate::clusters::Clusters;
 use crate::element::Element;
 use crate::gradients::{Equation, Gradients, Spring, Stop, System, size};
-use crate::loose::settle_loose;
 use crate::membrane::Membrane;
 use crate::multilevel::{GRAIN, Lever, Multilevel};
 use crate::rows::{CHUNK, Forces, Inertia, Rows};
 use crate::skin;
-use crate::touch::Arm;
 use crate::touches::Touches;
 use bevy_math::{DMat3, DVec3, Mat3A, Vec3, Vec3A};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh, TopologyDelta};
@@ -422,30 +420,17 @@ pub(crate) fn minimise(
         }
     }
     touches.look(parts);
-    if parts.iter().any(|p| !p.newton.clusters.loose.is_empty()) {
-        look(parts, touches, weights);
-        settle_loose(parts, touches, weights);
-    }
     if touches.bear() && !parts.iter().any(|p| p.newton.is_fixed(p.tissue.body)) {
         look(parts, touches, weights);
-        // What is loose has its own balance.
         let (mut left, mut mass) = (DVec3::ZERO, 0.0);
         for Part { tissue, newton } in parts.iter() {
-            for (n, (r, m)) in newton.gradients.residual.iter().zip(&tissue.body.masses).enumerate() {
-                if !newton.clusters.is_loose(n as u32) {
-                    left += r.as_dvec3();
-                    mass += f64::from(*m);
-                }
-            }
+            left += newton.gradients.residual.iter().map(|r| r.as_dvec3()).sum::<DVec3>();
+            mass += tissue.body.masses.iter().map(|m| f64::from(*m)).sum::<f64>();
         }
-        let moves = |a: &Arm| !parts[a.part as usize].newton.clusters.is_loose(a.node);
-        let shift = touches.balance(parts, moves, left, mass * f64::from(weights.inertia));
+        let shift = touches.balance(parts, left, mass * f64::from(weights.inertia));
         for newton in parts.iter_mut().map(|p| &mut *p.newton) {
-            let Newton { x, free, clusters, .. } = newton;
-            for (n, (x, _)) in x.iter_mut().zip(free).enumerate().filter(|(_, (_, free))| **free) {
-                if !clusters.is_loose(n as u32) {
-                    *x += shift;
-                }
+            for (x, _) in newton.x.iter_mut().zip(&newton.free).filter(|(_, free)| **free) {
+                *x += shift;
             }
         }
         touches.look(parts);

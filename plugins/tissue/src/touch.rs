@@ -169,11 +169,12 @@ impl Touch {
         (f64::from(self.now.force.dot(change)), f64::from((self.now.block * change).dot(change)))
     }
 
-    /// Looks at it where nodes with a weight of `sum` together are `shift` further along than in the last look, which was at `place`: force and how it falls.
-    pub(crate) fn shifted(&self, place: Vec3A, sum: f32, shift: Vec3A) -> (Vec3A, Mat3A) {
+    /// Looks at it where its nodes are `shift` further along than in the last look, which was at `place`: force and how it falls.
+    pub(crate) fn shifted(&self, place: Vec3A, shift: Vec3A) -> (Vec3A, Mat3A) {
+        let sum: f32 = self.arms.iter().map(|a| a.weight).sum();
         let at = place + shift * sum;
         let answer = self.answer(at, self.push_at(at) > 0.0);
-        (answer.force, answer.block)
+        (answer.force * sum, answer.block * (sum * sum))
     }
 
     /// What the force does along the line where `part` of it is gone.

@@ -70,8 +70,6 @@ pub(crate) struct Touches {
     held: Delassus,
     /// Forces and impulses to go back to.
     kept: Vec<(Vec3A, f32, Vec3A)>,
-    /// Those that a balance is about: which, where it is and what weight of it moves.
-    concerned: Vec<(u32, Vec3A, f32)>,
 }
 
 impl Touches {
@@ -292,24 +290,15 @@ impl Touches {
         product
     }
 
-    /// By how much nodes have to move all together for forces and inertia to balance, m: `moves` says which, `left` is what is not balanced (N), `inertia` what
-    /// resists besides (N/m).
-    pub(crate) fn balance(&mut self, parts: &[Part<'_>], moves: impl Fn(&Arm) -> bool, left: DVec3, inertia: f64) -> Vec3A {
+    /// By how much the bodies have to move all together for forces and inertia to balance, m: `left` is what is not balanced (N), `inertia` what resists besides (N/m).
+    pub(crate) fn balance(&self, parts: &[Part<'_>], left: DVec3, inertia: f64) -> Vec3A {
         let places = |t: &Touch| place(t, |a| parts[a.part as usize].newton.x[a.node as usize]);
-        self.concerned.clear();
-        for (at, touch) in self.list.iter().enumerate() {
-            // All weights of one side are one together, or minus one.
-            let sum: f32 = touch.arms.iter().filter(|a| moves(a)).map(|a| a.weight).sum();
-            if sum.abs() > 0.5 {
-                self.concerned.push((at as u32, places(touch), sum));
-            }
-        }
         let sums = |shift: Vec3A| {
-            let of = |(force, slope): (Vec3A, Mat3A), (at, place, sum): &(u32, Vec3A, f32)| {
-                let (f, s) = self.list[*at as usize].shifted(*place, *sum, shift);
-                (force + f * *sum, slope + s * (*sum * *sum))
+            let of = |(force, slope): (Vec3A, Mat3A), t: &Touch| {
+                let (f, s) = t.shifted(places(t), shift);
+                (force + f, slope + s)
             };
-            self.concerned.iter().fold((Vec3A::ZERO, Mat3A::ZERO), of)
+            self.list.iter().filter(|t| !t.joins()).fold((Vec3A::ZERO, Mat3A::ZERO), of)
         };
         let (first, mut slope) = sums(Vec3A::ZERO);
         let mut shift = Vec3A::ZERO;
