@@ -26,6 +26,7 @@
 //! the tangent and as many steps of Newton's method as the energy wants: it goes down, whatever the state. A tick that begins with a tangle is left to
 //! [`crate::rescue`].
 
+use crate::adrift::{Adrift, Fall};
 use crate::body::Body;
 use crate::gradients::{Spring, Stop};
 use crate::hold::Hold;
@@ -34,6 +35,7 @@ use crate::membrane::Membrane;
 use crate::newton::{Astray, Care, FRESH, Newton, Part, TANGLED, Tangent, Tissue, Weights, minimise};
 use crate::rescue;
 use crate::settings::{TimeStepping, TissueSettings};
+use crate::touch::Arm;
 use crate::touches::{Grips, Touches};
 use bevy_math::{DMat3, DVec3, Vec3, Vec3A};
 use keyhole_whiteboard::{TissuePoint, TissueState};
@@ -197,6 +199,8 @@ fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32,
         }
         return;
     }
+    let fall = Fall { gravity, dt, drag_1_s: settings.drag_1_s };
+    let adrift = adrift(movers, touches, fall);
     let n = settings.substeps.max(1);
     // One job for the pool: every loop within is split among its threads.
     rayon::scope(|_| {
@@ -217,10 +221,29 @@ fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32,
             careful_substep(movers, touches, step, settings);
         }
     });
+    for part in &adrift {
+        let Mover { body, solver, state, .. } = &mut movers[part.body];
+        part.hold_back(body, &solver.newton, state, fall);
+    }
     // With contacts there is care without need.
     for Mover { solver, .. } in movers.iter_mut().filter(|_| touches.is_empty()) {
         solver.astray_s = if solver.careful > 0 { solver.astray_s + dt } else { (solver.astray_s - dt / 2.0).max(0.0) };
     }
+}
+
+/// What is adrift when a tick begins. One body that hangs together and touches nothing is not looked at: it moves as it must.
+fn adrift(movers: &[Mover<'_>], touches: &Touches, fall: Fall) -> Vec<Adrift> {
+    let velocity = |a: &Arm| movers[a.part as usize].state.velocities[a.node as usize].into();
+    let of = |(at, m): (usize, &Mover<'_>)| {
+        let connected = &m.solver.newton.connected;
+        if touches.is_empty() && connected.parts().len() < 2 {
+            return Vec::new();
+        }
+        let mut held: Vec<usize> = m.holds.iter().flat_map(|h| &h.point).filter_map(|(n, _)| connected.of(n.0)).collect();
+        held.sort_unstable();
+        Adrift::see(at, (m.body, &m.solver.newton, &*m.state), |part| held.binary_search(&part).is_ok(), touches, velocity, fall)
+    };
+    movers.iter().enumerate().flat_map(of).collect()
 }
 
 fn substep_of(movers: &mut [Mover<'_>], touches: &mut Touches, step: Step, settings: &TissueSettings) -> Result<(), Astray> {
