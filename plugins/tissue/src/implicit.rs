@@ -188,13 +188,16 @@ pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings:
 }
 
 fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32, settings: &TissueSettings) {
-    let rescued = |m: &mut Mover<'_>| {
-        rescue::step(m.body, m.state, m.holds, gravity, dt, settings.drag_1_s);
-        m.solver.past.h = 0.0;
+    let rescue = |movers: &mut [Mover<'_>], touches: &Touches| {
+        let pushes: Vec<Vec<Hold>> = (0..movers.len()).map(|at| rescue::pushes(touches, at, |of| &*movers[of].state, dt)).collect();
+        for (m, pushes) in movers.iter_mut().zip(pushes) {
+            rescue::step(m.body, m.state, m.holds, &pushes, gravity, dt, settings.drag_1_s);
+            m.solver.past.h = 0.0;
+        }
     };
     if movers.iter().any(|m| m.solver.astray_s > ASTRAY_S) {
+        rescue(movers, touches);
         for m in movers.iter_mut() {
-            rescued(m);
             (m.solver.careful, m.solver.astray_s) = (1, 0.0);
         }
         return;
@@ -214,7 +217,7 @@ fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32,
             }
             // Where it would go may be tangled where it is not: then it goes carefully.
             if astray == Astray::Tangled && substep == 0 && movers.iter().any(|m| rescue::is_tangled(m.body, m.state, TANGLED)) {
-                movers.iter_mut().for_each(rescued);
+                rescue(movers, touches);
                 break;
             }
             touches.go_back();
