@@ -11,10 +11,10 @@ use crate::touches::Touches;
 use bevy_math::{Mat3A, Vec3, Vec3A};
 
 /// Part of the mean length of its edges that a node must be off by to be taken care of.
-const OFF: f32 = 0.1;
+const OFF: f32 = 0.5;
 
 /// The same that is left.
-const LEFT: f32 = 0.01;
+const LEFT: f32 = 0.02;
 
 /// The same of an edge of the mean length in the whole body below which nobody looks closer.
 const NOTHING: f32 = 0.01;
