@@ -94,8 +94,9 @@ pub(crate) fn pushes<'a>(touches: &Touches, at: usize, state: impl Fn(usize) -> 
                 let from = sum(own, &|s, n| s.positions[n]);
                 let out = inside - (-touch.gap).max(0.0) * (1.0 - dt / SLOW_S).max(0.0);
                 let point = own.iter().map(|a| (NodeId(a.node), a.weight.abs())).collect();
-                // As stiff as can be, but not fixed.
-                all.push(Hold { point, from, to: from + way + normal * out, compliance_m_n: f32::MIN_POSITIVE });
+                // As stiff as the contact is.
+                let compliance_m_n = touch.spring.recip().max(f32::MIN_POSITIVE);
+                all.push(Hold { point, from, to: from + way + normal * out, compliance_m_n });
             }
         }
     }
