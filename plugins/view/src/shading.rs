@@ -20,6 +20,8 @@ pub enum Shading {
     Lit,
     /// Lit, under a clear film.
     Coated,
+    /// Lit, and mirrors nothing.
+    Matt,
     /// Its colour is what is seen.
     Unlit,
     /// An unlit disc that fades towards its rim, blended with what is behind; it has texture coordinates from 0 to 1.
@@ -134,6 +136,7 @@ impl Material for SceneMaterial {
         let mut defs: Vec<&str> = match shading {
             Shading::Lit => vec!["LIT"],
             Shading::Coated => vec!["LIT", "COATED"],
+            Shading::Matt => vec!["LIT", "MATT"],
             Shading::Unlit => Vec::new(),
             Shading::Disc => vec!["DISC"],
         };

@@ -3,13 +3,12 @@
 #import bevy_pbr::{
     clustered_forward as clustering,
     forward_io::VertexOutput,
-    mesh_view_bindings::{clustered_lights, lights, view},
+    mesh_view_bindings::{clustered_lights, directional_shadow_textures, lights, view},
     mesh_view_types::{
         DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE,
     },
     shadow_sampling::sample_shadow_map_hardware,
 }
-#import bevy_pbr::mesh_view_bindings as bindings
 #import bevy_render::maths::orthonormalize
 #ifdef TONEMAP_IN_SHADER
 #import bevy_core_pipeline::tonemapping::{screen_space_dither, tone_mapping}
@@ -63,6 +62,12 @@ fn reflecting(roughness: f32, n_v: f32) -> vec2<f32> {
     return vec2<f32>(-1.04, 1.04) * a + r.zw;
 }
 
+// How much of its widening a lobe takes: a sharp one little. The renderer's own material has the same.
+fn widening(alpha: f32) -> f32 {
+    let k = (1.0 - alpha) * (1.0 - alpha);
+    return 1.0 - k * k;
+}
+
 // What a light of unit illuminance at right angles sends to the eye. `l` is towards its middle; `mirrored` towards the point of it that is
 // seen mirrored; `wider` is how much wider its size makes a lobe, and `sine2` the square of the sine of the angle that it is seen under
 // (Karis 2013, "Real shading in Unreal Engine 4", spheres). Diffuse after Burley 2012; lobes, coat and energy after Romain and Angelis,
@@ -73,6 +78,9 @@ fn reflected(p: Place, l: vec3<f32>, mirrored: vec3<f32>, wider: f32, sine2: f32
     let grazing = 2.0 * p.alpha * l_h * l_h - 0.5;
     let diffuse = p.diffuse * ((1.0 + grazing * fifth(1.0 - n_l)) * (1.0 + grazing * fifth(1.0 - p.n_v)) / PI);
 
+#ifdef MATT
+    return diffuse * n_l;
+#else
     let h = normalize(mirrored + p.v);
     let n_m = saturate(dot(p.n, mirrored));
     let n_h = saturate(dot(p.n, h));
@@ -83,8 +91,7 @@ fn reflected(p: Place, l: vec3<f32>, mirrored: vec3<f32>, wider: f32, sine2: f32
 
     let widened = saturate(p.alpha + wider);
     let energy = (p.alpha / widened) * (p.alpha / widened);
-    let own = fifth_less(p.alpha);
-    let alpha = mix(p.alpha, widened, own);
+    let alpha = mix(p.alpha, widened, widening(p.alpha));
     let a2 = alpha * alpha;
     let seen = 0.5 / (n_m * sqrt((p.n_v - a2 * p.n_v) * p.n_v + a2) + p.n_v * sqrt((n_m - a2 * n_m) * n_m + a2));
     let f90 = saturate(dot(p.f0, vec3<f32>(16.5)));
@@ -92,20 +99,15 @@ fn reflected(p: Place, l: vec3<f32>, mirrored: vec3<f32>, wider: f32, sine2: f32
 #ifdef COATED
     let coat_widened = saturate(p.coat_alpha + wider);
     let coat_energy = (p.coat_alpha / coat_widened) * (p.coat_alpha / coat_widened);
-    let coat_alpha = mix(p.coat_alpha, coat_widened, fifth_less(p.coat_alpha));
+    let coat_alpha = mix(p.coat_alpha, coat_widened, widening(p.coat_alpha));
     let fresnel = look.coat * (0.04 + 0.96 * f5);
     let coat = coat_energy * facets(coat_alpha, n_h) * above * fresnel * 0.25 / max(m_h * m_h, 1e-4);
     let through = 1.0 - fresnel;
     return (diffuse * n_l + mirror * (n_m * through)) * through + coat * n_m;
 #else
     return diffuse * n_l + mirror * n_m;
-#endif
-}
-
-// How much of a lobe's widening is kept: little of a sharp one.
-fn fifth_less(alpha: f32) -> f32 {
-    let k = (1.0 - alpha) * (1.0 - alpha);
-    return 1.0 - k * k;
+#endif // COATED
+#endif // MATT
 }
 
 // A place in a shadow map, its depth, and the map's layer.
@@ -141,9 +143,15 @@ fn directional_shade(i: u32, p: Place) -> Shade {
     return Shade(clip.xy * vec2<f32>(0.5, -0.5) + 0.5, clip.z, i32((*light).depth_texture_base_index));
 }
 
-// The part of a light that comes through: a tent of three by three texels in four looks (Castano 2013, "Shadow mapping summary").
-fn lit(s: Shade) -> f32 {
-    let size = vec2<f32>(textureDimensions(bindings::directional_shadow_textures));
+// The part of a spot light that comes through, blended between the four nearest texels: as the endoscope sees them, they are hardly larger than
+// a pixel.
+fn spot_lit(s: Shade) -> f32 {
+    return within(s, sample_shadow_map_hardware(s.uv, s.depth, s.layer));
+}
+
+// The part of a directional light that comes through: a tent of three by three texels in four looks (Castano 2013, "Shadow mapping summary").
+fn directional_lit(s: Shade) -> f32 {
+    let size = vec2<f32>(textureDimensions(directional_shadow_textures));
     let texel = s.uv * size;
     let corner = floor(texel + 0.5);
     let part = texel + 0.5 - corner;
@@ -155,17 +163,21 @@ fn lit(s: Shade) -> f32 {
         + w1.x * w0.y * sample_shadow_map_hardware(vec2<f32>(u1.x, u0.y), s.depth, s.layer)
         + w0.x * w1.y * sample_shadow_map_hardware(vec2<f32>(u0.x, u1.y), s.depth, s.layer)
         + w1.x * w1.y * sample_shadow_map_hardware(u1, s.depth, s.layer);
-    // Beyond the map there is no shadow.
+    return within(s, sum / 16.0);
+}
+
+// Beyond the map there is no shadow.
+fn within(s: Shade, part: f32) -> f32 {
     let inside = all(s.uv >= vec2<f32>(0.0)) && all(s.uv <= vec2<f32>(1.0)) && s.depth >= 0.0 && s.depth <= 1.0;
-    return select(1.0, sum / 16.0, inside);
+    return select(1.0, part, inside);
 }
 
 fn shaded(p: Place, frag: vec4<f32>) -> vec3<f32> {
     let view_z = (view.view_from_world * vec4<f32>(p.at, 1.0)).z;
     let cluster = clustering::view_fragment_cluster_index(frag.xy, view_z, false);
-    let spots = clustering::unpack_clusterable_object_index_ranges(cluster);
-    let first = spots.first_spot_light_index_offset;
-    let last = spots.first_reflection_probe_index_offset;
+    let ranges = clustering::unpack_clusterable_object_index_ranges(cluster);
+    let first = ranges.first_spot_light_index_offset;
+    let last = ranges.first_reflection_probe_index_offset;
     var sum = vec3<f32>(0.0);
     for (var i = first; i < last; i++) {
         let id = clustering::get_clusterable_object_id(i);
@@ -183,15 +195,22 @@ fn shaded(p: Place, frag: vec4<f32>) -> vec3<f32> {
         let strength = near * near / max(d2, 1e-4) * cone * cone;
         let colour = strength * (*light).color_inverse_square_range.rgb;
         let casts = ((*light).flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
-        let through = select(1.0, lit(spot_shade(id, p)), casts);
+        let through = select(1.0, spot_lit(spot_shade(id, p)), casts);
         sum += through * colour * reflected(p, l, mirrored, radius * 0.5 * inverseSqrt(d2), radius * radius / d2);
     }
-    for (var i = 0u; i < lights.n_directional_lights; i++) {
-        let light = &lights.directional_lights[i];
-        let l = (*light).direction_to_light;
-        let casts = ((*light).flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
-        let through = select(1.0, lit(directional_shade(i, p)), casts);
-        sum += through * (*light).color.rgb * reflected(p, l, l, 0.0, 0.0);
+    // Of the directional lights one casts shadows, or none: one look into its map, however many there are.
+    let lamps = lights.n_directional_lights;
+    var caster = lamps;
+    for (var i = 0u; i < lamps; i++) {
+        caster = select(caster, i, (lights.directional_lights[i].flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u);
+    }
+    var behind = 1.0;
+    for (var i = caster; i < min(caster + 1u, lamps); i++) {
+        behind = directional_lit(directional_shade(i, p));
+    }
+    for (var i = 0u; i < lamps; i++) {
+        let l = lights.directional_lights[i].direction_to_light;
+        sum += select(1.0, behind, i == caster) * lights.directional_lights[i].color.rgb * reflected(p, l, l, 0.0, 0.0);
     }
     let all_round = reflecting(1.0, p.n_v);
     let mirrored = reflecting(look.roughness, p.n_v);

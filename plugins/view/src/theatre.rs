@@ -95,7 +95,10 @@ pub fn furnish(
     commands.spawn((
         Drape,
         Mesh3d(meshes.add(Plane3d::default().mesh().size(1.0, 1.0))),
-        MeshMaterial3d(materials.add(SceneMaterial::lit(Look { roughness: 0.95, reflectance: 0.15, ..Look::of([0.020, 0.075, 0.080]) }))),
+        MeshMaterial3d(materials.add(SceneMaterial {
+            shading: Shading::Matt,
+            ..SceneMaterial::lit(Look { roughness: 0.95, ..Look::of([0.020, 0.075, 0.080]) })
+        })),
         NotShadowCaster,
         layers::global_only(),
     ));
