@@ -70,7 +70,7 @@ fn widening(alpha: f32) -> f32 {
 
 // What a light of unit illuminance at right angles sends to the eye. `l` is towards its middle; `mirrored` towards the point of it that is
 // seen mirrored; `wider` is how much wider its size makes a lobe, and `sine2` the square of the sine of the angle that it is seen under
-// (Karis 2013, "Real shading in Unreal Engine 4", spheres). Diffuse after Burley 2012; lobes, coat and energy after Romain and Angelis,
+// (Karis 2013, "Real shading in Unreal Engine 4", spheres). Diffuse after Burley 2012; lobes, coat and energy after Guy and Agopian,
 // "Physically based rendering in Filament", 4.4 to 4.9.
 fn reflected(p: Place, l: vec3<f32>, mirrored: vec3<f32>, wider: f32, sine2: f32) -> vec3<f32> {
     let n_l = saturate(dot(p.n, l));
@@ -192,6 +192,7 @@ fn shaded(p: Place, frag: vec4<f32>) -> vec3<f32> {
         let range = d2 * (*light).color_inverse_square_range.w;
         let near = saturate(1.0 - range * range);
         let cone = saturate(dot(-spot_direction(id), l) * (*light).light_custom_data.z + (*light).light_custom_data.w);
+        // Nearer than a centimetre light grows no more.
         let strength = near * near / max(d2, 1e-4) * cone * cone;
         let colour = strength * (*light).color_inverse_square_range.rgb;
         let casts = ((*light).flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
@@ -204,6 +205,7 @@ fn shaded(p: Place, frag: vec4<f32>) -> vec3<f32> {
     for (var i = 0u; i < lamps; i++) {
         caster = select(caster, i, (lights.directional_lights[i].flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u);
     }
+    // In a loop, which is left where there is none; a condition an adapter that is software would not heed.
     var behind = 1.0;
     for (var i = caster; i < min(caster + 1u, lamps); i++) {
         behind = directional_lit(directional_shade(i, p));
