@@ -152,8 +152,45 @@ struct Closing {
     /// On the start screen no tick runs: then after this much time by the clock, s.
     after_s: Option<f64>,
     picture: Option<PathBuf>,
-    /// Frames drawn and time (s) when the first tick came: before that pipelines are made.
-    begun: (u32, f64),
+    /// When the first tick came: before that pipelines are made.
+    begun: Spent,
+}
+
+/// What has been spent since the program started.
+#[derive(Clone, Copy, Default)]
+struct Spent {
+    frames: u32,
+    /// By the clock, s.
+    time_s: f64,
+    /// By the processor, all threads together, s, and by those that draw in software; `None` where the system does not say.
+    processor_s: Option<[f64; 2]>,
+}
+
+impl Spent {
+    /// What a frame took since `before`.
+    fn sentence(&self, before: &Self) -> Option<String> {
+        let (frames, length_s) = (self.frames - before.frames, self.time_s - before.time_s);
+        let per_frame = |s: f64| s / f64::from(frames);
+        let drawn = format!("{frames} frames in {length_s:.1} s: {:.1} a second", per_frame(length_s).recip());
+        let processor = self.processor_s.zip(before.processor_s).map(|(now, then)| [now[0] - then[0], now[1] - then[1]].map(per_frame));
+        let cost = processor.map(|[all, software]| format!("; {all:.3} s of processor each, {software:.3} s of it drawing in software"));
+        (frames > 0).then(|| drawn + &cost.unwrap_or_default())
+    }
+}
+
+/// What the threads of this program have taken, s, on Linux, and those of lavapipe among them.
+fn processor_s() -> Option<[f64; 2]> {
+    let mut sum = [0.0; 2];
+    for thread in std::fs::read_dir("/proc/self/task").ok()? {
+        let folder = thread.ok()?.path();
+        // A thread that has just ended is none.
+        let Ok(schedule) = std::fs::read_to_string(folder.join("schedstat")) else { continue };
+        let taken_s = 1e-9 * schedule.split_whitespace().next()?.parse::<f64>().ok()?;
+        let software = std::fs::read_to_string(folder.join("comm")).is_ok_and(|name| name.starts_with("llvmpipe"));
+        sum[0] += taken_s;
+        sum[1] += if software { taken_s } else { 0.0 };
+    }
+    Some(sum)
 }
 
 fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Failure> {
@@ -175,7 +212,8 @@ fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Fa
     }
     if let Some(seconds) = seconds {
         let after_tick = (seconds * TICKS_PER_SECOND).ceil() as u64;
-        app.insert_resource(Closing { after_tick, after_s: start.then_some(seconds), picture, begun: (0, 0.0) }).add_systems(Last, close);
+        app.insert_resource(Closing { after_tick, after_s: start.then_some(seconds), picture, begun: Spent::default() })
+            .add_systems(Last, close);
     }
     match app.run() {
         AppExit::Success => Ok(()),
@@ -191,9 +229,9 @@ fn close(
     pending: Res<PicturesPending>,
     mut exit: MessageWriter<AppExit>,
 ) {
-    let now = (frames.0, time.elapsed_secs_f64());
+    let now = || Spent { frames: frames.0, time_s: time.elapsed_secs_f64(), processor_s: processor_s() };
     if cost.ticks == 0 {
-        closing.begun = now;
+        closing.begun = now();
     }
     let long_enough = closing.after_s.is_some_and(|s| time.elapsed_secs_f64() >= s);
     if cost.ticks < closing.after_tick && !long_enough {
@@ -201,9 +239,8 @@ fn close(
     }
     if let Some(path) = closing.picture.take() {
         requests.0.push(PictureRequest { path, of: PictureOf::Window });
-        let (frames, length_s) = (now.0 - closing.begun.0, now.1 - closing.begun.1);
-        if frames > 0 {
-            say(&format!("{frames} frames in {length_s:.1} s: {:.1} a second", f64::from(frames) / length_s));
+        if let Some(sentence) = now().sentence(&closing.begun) {
+            say(&sentence);
         }
     } else if pending.0 == 0 && requests.0.is_empty() {
         exit.write(AppExit::Success);

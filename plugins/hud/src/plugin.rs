@@ -59,11 +59,16 @@ fn open_hud_eye(mut commands: Commands, windows: Query<(), With<PrimaryWindow>>)
 /// Height of a window in which the HUD has its own size, pixels: in a larger one it is drawn larger, so that it is as readable.
 const WINDOW_HEIGHT: f32 = 720.0;
 
-/// Draws the HUD as large as the window is high, in eighths.
+/// How many times its own size the HUD is drawn in a window of that height, pixels: in eighths, so that letters stay sharp.
+fn size_in(window_height: f32) -> f32 {
+    ((window_height / WINDOW_HEIGHT * 8.0).round() / 8.0).clamp(0.75, 6.0)
+}
+
+/// Draws the HUD as large as the window is high.
 fn suit_window(mut contexts: EguiContexts, windows: Query<&Window, With<PrimaryWindow>>) -> Result {
     let Ok(window) = windows.single() else { return Ok(()) };
     let Ok(context) = contexts.ctx_mut() else { return Ok(()) };
-    let wanted = ((window.height() / WINDOW_HEIGHT * 8.0).round() / 8.0).clamp(0.75, 6.0);
+    let wanted = size_in(window.height());
     if context.zoom_factor() != wanted {
         context.set_zoom_factor(wanted);
     }
@@ -72,4 +77,17 @@ fn suit_window(mut contexts: EguiContexts, windows: Query<&Window, With<PrimaryW
 
 fn claim_pointer(wants: Option<Res<EguiWantsInput>>, start: Res<StartScreen>, mut claims: ResMut<PointerClaims>) {
     claims.hud = start.open || wants.is_some_and(|w| w.wants_any_pointer_input());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As large on every screen: an own size at 720 lines, three times that at 2160; and never too small to be read.
+    #[test]
+    fn the_hud_is_as_large_as_its_window() {
+        let sizes =
+            [(720.0, 1.0), (800.0, 1.125), (1080.0, 1.5), (1440.0, 2.0), (2160.0, 3.0), (4320.0, 6.0), (240.0, 0.75), (9000.0, 6.0)];
+        sizes.into_iter().for_each(|(height, size)| assert_eq!(size_in(height), size, "{height}"));
+    }
 }

@@ -2,6 +2,7 @@
 
 use crate::framing::bounds;
 use crate::layers;
+use crate::shading::{Look, SceneMaterial, Sides};
 use crate::tools::Draws;
 use bevy::asset::RenderAssetUsages;
 use bevy::mesh::{Indices, PrimitiveTopology};
@@ -19,7 +20,7 @@ pub struct AnatomyBounds(pub Option<(Vec3, Vec3)>);
 pub fn draw_anatomy(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
+    mut materials: ResMut<Assets<SceneMaterial>>,
     mut extent: ResMut<AnatomyBounds>,
     come: Query<(Entity, &Anatomy, &Transform), Added<Anatomy>>,
     mut gone: RemovedComponents<Anatomy>,
@@ -32,21 +33,20 @@ pub fn draw_anatomy(
         let surface = &anatomy.surface;
         let corners = surface.vertices.iter().map(|v| place.transform_point(Vec3::from_array(*v)));
         extent.0 = bounds(corners.chain(extent.0.into_iter().flat_map(|(low, high)| [low, high])));
-        let [r, g, b] = anatomy.colour;
         commands.spawn((
             Name::new(anatomy.name.clone()),
             Draws(entity),
             *place,
             Mesh3d(meshes.add(mesh_of(surface))),
-            MeshMaterial3d(materials.add(StandardMaterial {
-                base_color: Color::linear_rgb(r, g, b),
-                perceptual_roughness: 0.6,
-                reflectance: 0.4,
-                clearcoat: 0.4,
-                clearcoat_perceptual_roughness: 0.3,
-                double_sided: true,
-                cull_mode: None,
-                ..default()
+            MeshMaterial3d(materials.add(SceneMaterial {
+                sides: Sides::Both,
+                ..SceneMaterial::coated(Look {
+                    roughness: 0.6,
+                    reflectance: 0.4,
+                    coat: 0.4,
+                    coat_roughness: 0.3,
+                    ..Look::of(anatomy.colour)
+                })
             })),
             layers::shared(),
         ));
@@ -95,7 +95,7 @@ mod tests {
     fn anatomy_is_drawn_where_it_lies() {
         let mut world = World::new();
         world.init_resource::<Assets<Mesh>>();
-        world.init_resource::<Assets<StandardMaterial>>();
+        world.init_resource::<Assets<SceneMaterial>>();
         world.init_resource::<AnatomyBounds>();
         let vertices = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0]];
         let surface = PartMesh { vertices, normals: Vec::new(), indices: vec![0, 1, 2] };
@@ -113,7 +113,7 @@ mod tests {
     fn the_extent_of_anatomy_outlives_a_restart() {
         let mut world = World::new();
         world.init_resource::<Assets<Mesh>>();
-        world.init_resource::<Assets<StandardMaterial>>();
+        world.init_resource::<Assets<SceneMaterial>>();
         world.init_resource::<AnatomyBounds>();
         let surface = PartMesh { vertices: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0]], normals: Vec::new(), indices: vec![0, 1, 2] };
         let spawn = |world: &mut World| {

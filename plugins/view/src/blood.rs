@@ -5,6 +5,7 @@
 //! number and speed about the mean and not what flows. Nothing here is read by the simulation: tissue is not wetted, and drops pass through it.
 
 use crate::layers;
+use crate::shading::{Look, SceneMaterial};
 use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
 use keyhole_whiteboard::{Anatomy, BleedReport, BleedSite, Gravity};
@@ -159,13 +160,13 @@ pub struct DrawnBlood;
 
 /// The ball and the material that all blood is drawn with.
 #[derive(Clone, Debug)]
-pub struct BloodLook(Handle<Mesh>, Handle<StandardMaterial>);
+pub struct BloodLook(Handle<Mesh>, Handle<SceneMaterial>);
 
 /// Puts a ball where each drop and each pool is, and where blood leaves.
 pub fn draw_blood(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
+    mut materials: ResMut<Assets<SceneMaterial>>,
     report: Res<BleedReport>,
     blood: Res<Blood>,
     mut drawn: Query<(&mut Transform, &mut Visibility), With<DrawnBlood>>,
@@ -202,12 +203,7 @@ pub fn draw_blood(
     for place in wanted {
         let BloodLook(ball, material) = look.get_or_insert_with(|| {
             let ball = Sphere::new(1.0).mesh().ico(6).unwrap_or_else(|_| Sphere::new(1.0).mesh().uv(32, 20));
-            let material = StandardMaterial {
-                base_color: Color::linear_rgb(0.28, 0.005, 0.006),
-                perceptual_roughness: 0.18,
-                reflectance: 0.5,
-                ..default()
-            };
+            let material = SceneMaterial::lit(Look { roughness: 0.18, reflectance: 0.5, ..Look::of([0.28, 0.005, 0.006]) });
             BloodLook(meshes.add(ball), materials.add(material))
         });
         commands.spawn((

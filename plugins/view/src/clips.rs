@@ -1,6 +1,7 @@
 //! Clips as they are drawn: open between the jaws of an applier, closed on tissue, and dropped.
 
 use crate::layers;
+use crate::shading::{Look, SceneMaterial};
 use crate::smoothing::Smoothing;
 use crate::tools::Draws;
 use bevy::math::Isometry3d;
@@ -29,7 +30,7 @@ pub struct Loaded {
 pub fn draw_clips(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
+    mut materials: ResMut<Assets<SceneMaterial>>,
     come: Query<(Entity, &ClipShape), Added<ClipShape>>,
     appliers: Query<(Entity, &ClipApplier), Added<ClipApplier>>,
 ) {
@@ -42,13 +43,7 @@ pub fn draw_clips(
         let leg = meshes.add(leg);
         let crown = meshes.add(Cylinder::new(radius, 1.0));
         let [r, g, b] = TITANIUM;
-        let material = materials.add(StandardMaterial {
-            base_color: Color::linear_rgb(r, g, b),
-            metallic: 0.5,
-            perceptual_roughness: 0.28,
-            reflectance: 0.7,
-            ..default()
-        });
+        let material = materials.add(SceneMaterial::lit(Look { metallic: 0.5, roughness: 0.28, reflectance: 0.7, ..Look::of([r, g, b]) }));
         for (side, mesh) in [(1.0, &leg), (-1.0, &leg), (0.0, &crown)] {
             let mut part = commands.spawn((
                 Draws(entity),

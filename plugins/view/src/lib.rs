@@ -22,6 +22,7 @@ pub mod organs;
 pub mod paint;
 pub mod pictures;
 pub mod plugin;
+pub mod shading;
 pub mod sheet;
 pub mod smoke;
 pub mod smoothing;

@@ -32,7 +32,9 @@ fn bilinear(pixel: vec2<f32>, low: vec2<i32>, high: vec2<i32>) -> vec3<f32> {
 fn fogged(colour: vec3<f32>, pixel: vec2<f32>, rim: f32, r: f32, low: vec2<i32>, high: vec2<i32>) -> vec3<f32> {
     let fog = lens.fog * (1.0 - 0.35 * r * r);
     var sum = colour;
-    for (var i = 0; i < 12; i++) {
+    // A clean lens takes none. The number is worked out on purpose: of a loop that can be unrolled an adapter that is software takes all, for nothing.
+    let points = 12 * i32(ceil(lens.fog));
+    for (var i = 0; i < points; i++) {
         // Points of a spiral with equal areas between them (Vogel 1979).
         let turn = 2.3999632 * f32(i + 1);
         let reach = 0.05 * fog * rim * sqrt(f32(i + 1) / 12.0);

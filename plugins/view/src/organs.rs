@@ -217,6 +217,7 @@ pub fn draw_organs(
 mod tests {
     use super::*;
     use crate::paint::PaintedCut;
+    use crate::shading::SceneMaterial;
     use crate::smoothing::MotionSettings;
     use crate::testing::{block, parted};
     use bevy::ecs::system::RunSystemOnce;
@@ -243,7 +244,7 @@ mod tests {
         let mut mesh = block([6, 5, 4], edge);
         let mut world = World::new();
         world.init_resource::<Assets<Mesh>>();
-        world.init_resource::<Assets<StandardMaterial>>();
+        world.init_resource::<Assets<SceneMaterial>>();
         world.init_resource::<TissueMaterials>();
         world.init_resource::<OrganViews>();
         world.init_resource::<FairingSettings>();

@@ -12,6 +12,7 @@ use crate::orbit::{OrbitSettings, OrbitState, claim_mouse, follow_framing, orbit
 use crate::organs::{OrganViews, adopt_organs, draw_organs, follow_topology, inherit_planes, record_positions, switch_fairing};
 use crate::paint::Paint;
 use crate::pictures::{build_darkroom, develop};
+use crate::shading::SceneMaterial;
 use crate::smoke::{Smoke, SmokeSettings, smoke};
 use crate::smoothing::MotionSettings;
 use crate::theatre::{furnish, light_scope, surround};
@@ -54,9 +55,10 @@ const KEYS: [(&str, &str); 7] = [
 impl Plugin for ViewPlugin {
     fn build(&self, app: &mut App) {
         embedded_asset!(app, "optics.wgsl");
+        embedded_asset!(app, "shading.wgsl");
         app.init_resource::<KeyMap>().world_mut().resource_mut::<KeyMap>().push_all(&KEYS);
         build_darkroom(app, self.picture_size);
-        app.add_plugins(FullscreenMaterialPlugin::<Lens>::default())
+        app.add_plugins((FullscreenMaterialPlugin::<Lens>::default(), MaterialPlugin::<SceneMaterial>::default()))
             // Beside what the cameras show.
             .insert_resource(ClearColor(Color::BLACK))
             .init_resource::<ViewMode>()

@@ -3,13 +3,12 @@
 
 use crate::eyes::{Eye, WindowEye};
 use crate::layers;
+use crate::shading::{SceneMaterial, Shading, Sides};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::visibility::{NoAutoAabb, NoFrustumCulling};
-use bevy::image::Image;
 use bevy::light::{NotShadowCaster, NotShadowReceiver};
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
-use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use keyhole_whiteboard::{Blade, CutStatus, Instrument, InstrumentKind, InstrumentPose, SimulationControl};
 
 /// How much smoke there is.
@@ -50,9 +49,6 @@ pub struct Smoke {
     count: u32,
     drawn: Option<(Entity, Handle<Mesh>)>,
 }
-
-/// Texels of the disc's side.
-const TEXELS: u32 = 32;
 
 /// Nearer to the camera than this a puff is not drawn, m: it would fill the picture.
 const NEAREST_M: f32 = 0.012;
@@ -107,26 +103,12 @@ impl Smoke {
     }
 }
 
-/// White, opaque in the middle and clear at the rim.
-fn disc() -> Image {
-    let mut texels = Vec::new();
-    for i in 0..TEXELS * TEXELS {
-        let at = Vec2::new((i % TEXELS) as f32, (i / TEXELS) as f32);
-        let r = (at + 0.5).distance(Vec2::splat(TEXELS as f32 / 2.0)) / (TEXELS as f32 / 2.0);
-        let soft = (1.0 - r * r).max(0.0);
-        texels.extend([255, 255, 255, (255.0 * soft * soft) as u8]);
-    }
-    let size = Extent3d { width: TEXELS, height: TEXELS, depth_or_array_layers: 1 };
-    Image::new(size, TextureDimension::D2, texels, TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default())
-}
-
 /// Lets smoke rise from hooks that cut, and draws it.
 pub fn smoke(
     mut commands: Commands,
     mut smoke: ResMut<Smoke>,
     mut meshes: ResMut<Assets<Mesh>>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
-    mut images: ResMut<Assets<Image>>,
+    mut materials: ResMut<Assets<SceneMaterial>>,
     settings: Res<SmokeSettings>,
     time: Res<Time<Virtual>>,
     control: Res<SimulationControl>,
@@ -150,14 +132,7 @@ pub fn smoke(
     let Some((_, camera, _)) = camera else { return };
     if smoke.drawn.is_none() {
         let mesh = meshes.add(Mesh::new(PrimitiveTopology::TriangleList, RenderAssetUsages::default()));
-        let material = materials.add(StandardMaterial {
-            base_color_texture: Some(images.add(disc())),
-            alpha_mode: AlphaMode::Blend,
-            unlit: true,
-            double_sided: true,
-            cull_mode: None,
-            ..default()
-        });
+        let material = materials.add(SceneMaterial { shading: Shading::Disc, sides: Sides::Both, ..default() });
         let seen = (NoFrustumCulling, NoAutoAabb, NotShadowCaster, NotShadowReceiver, layers::shared());
         let entity = commands.spawn((Name::new("smoke"), Mesh3d(mesh.clone()), MeshMaterial3d(material), seen)).id();
         smoke.drawn = Some((entity, mesh));

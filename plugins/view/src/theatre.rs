@@ -4,12 +4,12 @@ use crate::framing::Framing;
 use crate::layers;
 use crate::optics::eye_pose;
 use crate::organs::OrganViews;
+use crate::shading::{Look, SceneMaterial, Shading, Sides};
 use crate::smoothing::MotionSettings;
 use bevy::light::cluster::GlobalClusterSettings;
 use bevy::light::{CascadeShadowConfigBuilder, DirectionalLightShadowMap, NotShadowCaster};
 use bevy::mesh::VertexAttributeValues;
 use bevy::prelude::*;
-use bevy::render::render_resource::Face;
 use keyhole_whiteboard::Endoscope;
 
 /// The light at the tip of the endoscope.
@@ -37,7 +37,7 @@ const GAIN_TIME_S: f32 = 0.25;
 pub fn furnish(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
+    mut materials: ResMut<Assets<SceneMaterial>>,
     mut shadows: ResMut<DirectionalLightShadowMap>,
     clusters: Option<ResMut<GlobalClusterSettings>>,
 ) {
@@ -88,18 +88,16 @@ pub fn furnish(
     commands.spawn((
         Cavity,
         Mesh3d(meshes.add(cavity_mesh())),
-        MeshMaterial3d(materials.add(StandardMaterial { unlit: true, cull_mode: Some(Face::Front), ..default() })),
+        MeshMaterial3d(materials.add(SceneMaterial { shading: Shading::Unlit, sides: Sides::Back, ..default() })),
         NotShadowCaster,
         layers::scope_only(),
     ));
     commands.spawn((
         Drape,
         Mesh3d(meshes.add(Plane3d::default().mesh().size(1.0, 1.0))),
-        MeshMaterial3d(materials.add(StandardMaterial {
-            base_color: Color::linear_rgb(0.020, 0.075, 0.080),
-            perceptual_roughness: 0.95,
-            reflectance: 0.15,
-            ..default()
+        MeshMaterial3d(materials.add(SceneMaterial {
+            shading: Shading::Matt,
+            ..SceneMaterial::lit(Look { roughness: 0.95, ..Look::of([0.020, 0.075, 0.080]) })
         })),
         NotShadowCaster,
         layers::global_only(),

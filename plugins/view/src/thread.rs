@@ -1,6 +1,7 @@
 //! Needles and threads as they are drawn: the needle a tapered arc of steel that is moved, the thread a tube along its points that is written anew when it has moved.
 
 use crate::layers;
+use crate::shading::{Look, SceneMaterial};
 use crate::tools::Draws;
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::visibility::{NoAutoAabb, NoFrustumCulling};
@@ -33,7 +34,7 @@ pub struct DrawnThread {
 pub fn draw_sutures(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
+    mut materials: ResMut<Assets<SceneMaterial>>,
     come: Query<(Entity, &Needle), Added<Needle>>,
 ) {
     for (suture, needle) in &come {
@@ -50,14 +51,13 @@ pub fn draw_sutures(
             Draws(suture),
             DrawnNeedle,
             Mesh3d(meshes.add(mesh)),
-            MeshMaterial3d(materials.add(StandardMaterial {
-                base_color: Color::linear_rgb(0.70, 0.71, 0.73),
+            MeshMaterial3d(materials.add(SceneMaterial::lit(Look {
                 // Without an environment to mirror, bare metal would be black.
                 metallic: 0.55,
-                perceptual_roughness: 0.25,
+                roughness: 0.25,
                 reflectance: 0.6,
-                ..default()
-            })),
+                ..Look::of([0.70, 0.71, 0.73])
+            }))),
             Transform::from_isometry(needle.pose),
             layers::shared(),
         ));
@@ -65,13 +65,10 @@ pub fn draw_sutures(
             Draws(suture),
             DrawnThread::default(),
             Mesh3d(meshes.add(empty())),
-            MeshMaterial3d(materials.add(StandardMaterial {
+            MeshMaterial3d(materials.add(
                 // Dyed, as most threads are, so that they are seen on tissue.
-                base_color: Color::linear_rgb(0.035, 0.05, 0.24),
-                perceptual_roughness: 0.5,
-                reflectance: 0.5,
-                ..default()
-            })),
+                SceneMaterial::lit(Look { roughness: 0.5, reflectance: 0.5, ..Look::of([0.035, 0.05, 0.24]) }),
+            )),
             NoFrustumCulling,
             NoAutoAabb,
             layers::shared(),
@@ -211,7 +208,7 @@ mod tests {
     fn a_thread_is_drawn_where_it_is_and_not_again_while_it_lies_still() {
         let mut world = World::new();
         world.init_resource::<Assets<Mesh>>();
-        world.init_resource::<Assets<StandardMaterial>>();
+        world.init_resource::<Assets<SceneMaterial>>();
         let points = vec![Vec3::ZERO, 0.1 * Vec3::X, Vec3::new(0.1, 0.1, 0.0)];
         let thread = Thread { points: points.clone(), radius_m: 0.0002, ..default() };
         let suture = world.spawn((Needle::half_circle_26mm(default()), thread)).id();

@@ -1,6 +1,7 @@
 //! Instruments, ports and the endoscope's shaft as they are drawn.
 
 use crate::layers;
+use crate::shading::{Look, SceneMaterial, Sides};
 use crate::smoothing::Smoothing;
 use bevy::asset::RenderAssetUsages;
 use bevy::light::NotShadowCaster;
@@ -41,27 +42,26 @@ pub fn drop_orphans(mut commands: Commands, drawn: Query<(Entity, &Draws)>, all:
 pub fn draw_tools(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
+    mut materials: ResMut<Assets<SceneMaterial>>,
     changed: Query<(Entity, &ToolModel), Changed<ToolModel>>,
     drawn: Query<(Entity, &Draws), With<DrawnPart>>,
 ) {
     for (tool, model) in &changed {
         drawn.iter().filter(|(_, of)| of.0 == tool).for_each(|(entity, _)| commands.entity(entity).despawn());
         for (index, part) in model.parts.iter().enumerate() {
-            let [r, g, b] = part.colour;
             commands.spawn((
                 Draws(tool),
                 DrawnPart(index),
                 Mesh3d(meshes.add(mesh_of(&part.mesh))),
-                MeshMaterial3d(materials.add(StandardMaterial {
-                    base_color: Color::linear_rgb(r, g, b),
+                MeshMaterial3d(materials.add(SceneMaterial {
+                    sides: Sides::Both,
                     // Without an environment to mirror, bare metal would be black.
-                    metallic: 0.55 * part.metallic,
-                    perceptual_roughness: 0.34,
-                    reflectance: 0.6,
-                    double_sided: true,
-                    cull_mode: None,
-                    ..default()
+                    ..SceneMaterial::lit(Look {
+                        metallic: 0.55 * part.metallic,
+                        roughness: 0.34,
+                        reflectance: 0.6,
+                        ..Look::of(part.colour)
+                    })
                 })),
                 layers::shared(),
             ));
@@ -87,7 +87,7 @@ pub fn move_tools(
 pub fn draw_fittings(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
+    mut materials: ResMut<Assets<SceneMaterial>>,
     blades: Query<Entity, Added<Blade>>,
     ports: Query<(Entity, &Port), Added<Port>>,
     scopes: Query<Entity, Added<Endoscope>>,
@@ -100,11 +100,7 @@ pub fn draw_fittings(
             Draws(blade),
             BladeGlow,
             Mesh3d(meshes.add(Cylinder::new(1.0, 1.0))),
-            MeshMaterial3d(materials.add(StandardMaterial {
-                base_color: Color::BLACK,
-                emissive: LinearRgba::rgb(6.0, 2.6, 0.7),
-                ..default()
-            })),
+            MeshMaterial3d(materials.add(SceneMaterial::lit(Look { glow: Vec4::new(6.0, 2.6, 0.7, 0.0), ..Look::of([0.0; 3]) }))),
             Visibility::Hidden,
             NotShadowCaster,
             layers::shared(),
@@ -112,8 +108,7 @@ pub fn draw_fittings(
     }
     for (entity, port) in &ports {
         let facing = Quat::from_rotation_arc(Vec3::NEG_Y, port.inward.normalize_or(Vec3::NEG_Y));
-        let plastic =
-            materials.add(StandardMaterial { base_color: Color::linear_rgb(0.10, 0.16, 0.30), perceptual_roughness: 0.4, ..default() });
+        let plastic = materials.add(SceneMaterial::lit(Look { roughness: 0.4, ..Look::of([0.10, 0.16, 0.30]) }));
         let parts = [(meshes.add(Torus::new(0.0065, 0.0105)), Vec3::ZERO), (meshes.add(Torus::new(0.0062, 0.0078)), Vec3::Y * 0.006)];
         for (mesh, offset) in parts {
             commands.spawn((
@@ -140,12 +135,7 @@ pub fn draw_fittings(
                         .translated_by(Vec3::Z * (length / 2.0)),
                 ),
             ),
-            MeshMaterial3d(materials.add(StandardMaterial {
-                base_color: Color::linear_rgb(0.30, 0.31, 0.33),
-                metallic: 0.5,
-                perceptual_roughness: 0.3,
-                ..default()
-            })),
+            MeshMaterial3d(materials.add(SceneMaterial::lit(Look { metallic: 0.5, roughness: 0.3, ..Look::of([0.30, 0.31, 0.33]) }))),
             layers::global_only(),
         ));
     }
