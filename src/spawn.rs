@@ -1,5 +1,6 @@
 //! From a theatre onto the whiteboard, and off it again.
 
+use crate::ids::set_aside;
 use crate::quality::Quality;
 use crate::task::task;
 use crate::theatre::Theatre;
@@ -62,6 +63,7 @@ fn unload(mesh: &mut TetMesh, materials: &OrganMaterials, attachments: &Attachme
 
 /// Puts a theatre onto the whiteboard.
 pub fn spawn(world: &mut World, theatre: &Theatre) {
+    set_aside(world);
     let scene = &theatre.scene;
     let started_s = world.get_resource::<Time<Fixed>>().map_or(0.0, Time::elapsed_secs_f64);
     world.insert_resource(Gravity(Vec3::from_array(scene.gravity)));

@@ -14,8 +14,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{
     Attachments, BleedReport, BleedSite, Clip, ClipApplier, ClipReport, ClipShape, FragmentDetached, GestureSystems, Gravity, HeldBy,
-    InstrumentPose, JawPads, Jaws, RigidBody, RigidPose, SceneRequirements, StaticSurface, Suction, SuctionValve, TickSystems, TissueMesh,
-    TissuePoint, TissueState, TopologyChanged, Vessel,
+    InstrumentPose, JawPads, Jaws, RigidBody, RigidPose, SceneRequirements, StateOf, StaticSurface, Suction, SuctionValve, TickSystems,
+    TissueMesh, TissuePoint, TissueState, TopologyChanged, Vessel,
 };
 
 /// How far upstream of an opening a vessel is looked at to tell its direction, radii of its lumen.
@@ -31,6 +31,9 @@ impl Plugin for ClippingPlugin {
         app.init_resource::<ClipSettings>()
             .init_resource::<FreedFragments>()
             .register_required_components::<ClipApplier, Trigger>()
+            .state::<Trigger>()
+            .state::<OpenLumen>()
+            .state_resource::<FreedFragments>()
             .add_observer(note_fragment.run_if(required))
             .add_systems(FixedUpdate, gesture.in_set(GestureSystems::Clip).run_if(required))
             .add_systems(FixedUpdate, (inherit, carry).chain().in_set(TickSystems::Collide).run_if(required));
@@ -45,11 +48,11 @@ struct Trigger {
 }
 
 /// The lumen of an organ's vessel. Written by clipping.
-#[derive(Component)]
+#[derive(Component, Clone)]
 struct OpenLumen(Lumen);
 
 /// Fragments that came free since topology changes were last looked at.
-#[derive(Resource, Default)]
+#[derive(Resource, Clone, Default)]
 struct FreedFragments(Vec<FragmentDetached>);
 
 fn note_fragment(detached: On<FragmentDetached>, mut freed: ResMut<FreedFragments>) {

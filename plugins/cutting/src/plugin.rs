@@ -9,7 +9,7 @@ use bevy_ecs::prelude::*;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
     Anchor, Attachment, Attachments, Blade, CutSettings, CutStatus, FragmentDetached, FreedFrom, InstrumentPose, Organ, OrganMaterials,
-    SceneRequirements, TickSystems, TissueMesh, TissueState, TopologyChanged,
+    SceneRequirements, StateOf, TickSystems, TissueMesh, TissueState, TopologyChanged,
 };
 use std::collections::BTreeMap;
 
@@ -19,12 +19,12 @@ pub struct CuttingPlugin;
 impl Plugin for CuttingPlugin {
     fn build(&self, app: &mut App) {
         let systems = (prepare_organs, detach_fragments, cut_organs, send_changes).chain();
-        app.add_systems(FixedUpdate, systems.in_set(TickSystems::Cut).run_if(SceneRequirements::cutting));
+        app.state::<OrganCutter>().add_systems(FixedUpdate, systems.in_set(TickSystems::Cut).run_if(SceneRequirements::cutting));
     }
 }
 
 /// The cutter of an organ and what it knows of the blades in it.
-#[derive(Component)]
+#[derive(Component, Clone)]
 struct OrganCutter {
     cutter: Cutter,
     /// The blades that cut, each with its memory.

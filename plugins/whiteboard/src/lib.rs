@@ -5,6 +5,7 @@
 
 pub mod attachment;
 pub mod blood;
+pub mod checkpoint;
 pub mod clip;
 pub mod contact;
 pub mod control;
@@ -24,6 +25,7 @@ pub mod tick;
 
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
 pub use blood::{BloodPool, Suction, SuctionValve};
+pub use checkpoint::{Checkpoint, StateOf, StateRegistry, StateRestored};
 pub use clip::{BleedReport, BleedSite, Clip, ClipApplier, ClipPair, ClipReport, ClipShape, Vessel, VesselEnd};
 pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction, ToolContacts, ToolTouch, ToolTouched};
 pub use control::{GlobalView, KeyMap, PointerClaims, SimulationControl, ViewMode};

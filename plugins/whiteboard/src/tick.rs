@@ -108,6 +108,7 @@ impl Plugin for WhiteboardPlugin {
             })
             .add_systems(FixedUpdate, start_tick.before(TickSystems::Sense).run_if(running))
             .add_systems(FixedUpdate, end_tick.after(TickSystems::Publish).run_if(running));
+        crate::checkpoint::register_whiteboard(app);
         for (i, set) in TickSystems::ALL.into_iter().enumerate() {
             let mark = move |mut cost: ResMut<TickCost>| close_stage(&mut cost, i);
             match TickSystems::ALL.get(i + 1) {
