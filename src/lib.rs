@@ -7,7 +7,6 @@
 
 pub mod census;
 pub mod cli;
-pub mod ids;
 pub mod margin;
 pub mod modules;
 pub mod perform;

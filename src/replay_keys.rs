@@ -1,7 +1,7 @@
 //! A replay in a window: keys that go to another time, and where it is.
 
 use crate::perform::in_ticks;
-use crate::seek::{SeekPlugin, Timeline};
+use crate::seek::Timeline;
 use crate::simulation::TICKS_PER_SECOND;
 use bevy::prelude::*;
 use keyhole_assessment::recording::{Player, Recorder};
@@ -20,7 +20,7 @@ pub struct ReplayPlugin;
 
 impl Plugin for ReplayPlugin {
     fn build(&self, app: &mut App) {
-        app.add_plugins(SeekPlugin)
+        app.init_resource::<Timeline>()
             .init_resource::<ReplayBar>()
             .add_observer(|_: On<StateRestored>, mut guide: ResMut<Guide>| {
                 // What is done by then is ticked off anew.

@@ -1,7 +1,7 @@
 //! Going to another time of a recording that is played: from the last checkpoint before it, and on from there tick by tick.
 //!
-//! Checkpoints are kept in memory while a recording is played, one every [`SPACING_TICKS`] until there are [`MOST_KEPT`]; then the least missed goes: where
-//! the gap would be small beside how far away it is. Near where the playing is they stay dense, and farther away the gaps grow with the distance. Where the
+//! Checkpoints are kept in memory while a recording is played, one after the first tick and one every [`SPACING_TICKS`] until there are [`MOST_KEPT`]; then the
+//! least missed goes: where the gap would be small beside how far away it is. Near where the playing is they stay dense, and farther away the gaps grow with the distance. Where the
 //! scene is started over in the recording no checkpoint is needed: it is put up anew.
 
 use crate::simulation::TICKS_PER_SECOND;
@@ -20,22 +20,26 @@ pub const MOST_KEPT: usize = 24;
 /// For how long a frame simulates on the way, s.
 const FRAME_S: f64 = 0.1;
 
-/// Keeps checkpoints while a recording is played, and goes where [`Timeline::go_to`] says.
+/// Keeps checkpoints while a recording is played and there is a [`Timeline`], and goes where [`Timeline::go_to`] says.
 pub struct SeekPlugin;
 
 impl Plugin for SeekPlugin {
     fn build(&self, app: &mut App) {
-        let playing = resource_exists::<Player>.and_then(not(resource_exists::<Recorder>));
-        app.init_resource::<Timeline>()
-            .add_observer(|_: On<SceneCleared>, mut timeline: ResMut<Timeline>| timeline.kept.clear())
+        let playing = resource_exists::<Timeline>.and_then(resource_exists::<Player>).and_then(not(resource_exists::<Recorder>));
+        let forget = |_: On<SceneCleared>, timeline: Option<ResMut<Timeline>>| {
+            timeline.into_iter().for_each(|mut timeline| timeline.kept.clear());
+        };
+        app.add_observer(forget)
             .add_systems(First, go.before(PlayerSystems).run_if(playing.clone()))
             .add_systems(FixedLast, keep.run_if(playing));
     }
 }
 
 /// The checkpoints of a recording that is played, and where it is to go.
-#[derive(Resource, Default)]
+#[derive(Resource)]
 pub struct Timeline {
+    /// Ticks between two checkpoints. Default [`SPACING_TICKS`].
+    pub spacing_ticks: u64,
     /// By ascending time, all of the scene as it was started last.
     kept: Vec<(Position, Checkpoint)>,
     way: Option<Way>,
@@ -51,11 +55,18 @@ struct Way {
     paused: bool,
 }
 
+impl Default for Timeline {
+    fn default() -> Self {
+        Self { spacing_ticks: SPACING_TICKS, kept: Vec::new(), way: None }
+    }
+}
+
 impl Timeline {
-    /// Goes to the state after `ticks` ticks of the recording, or its end, from the next frame on. It does not wait for one way to end before the next.
+    /// Goes to the state after `ticks` ticks of the recording (after the first for 0), or to its end, from the next frame on. It does not wait for one way to
+    /// end before the next.
     pub fn go_to(&mut self, ticks: u64, control: &SimulationControl, finished: bool) {
         let paused = self.way.map_or(control.paused && !finished, |way| way.paused);
-        self.way = Some(Way { to_ticks: ticks, begun: false, paused });
+        self.way = Some(Way { to_ticks: ticks.max(1), begun: false, paused });
     }
 
     /// Where it is to go, in ticks; `None` when it is there.
@@ -79,12 +90,13 @@ fn least_missed(kept: &[u64], now: u64) -> Option<usize> {
 /// After a tick: keeps a checkpoint where the last one is long ago.
 fn keep(world: &mut World) {
     let at = world.resource::<Player>().play.position();
-    let kept = &world.resource::<Timeline>().kept;
+    let timeline = world.resource::<Timeline>();
+    let kept = &timeline.kept;
     let place = kept.partition_point(|(known, _)| known.ticks <= at.ticks);
-    let scene = world.resource::<Player>().play.scene_of(at.ticks).ticks;
-    let before = place.checked_sub(1).map_or(scene, |i| kept[i].0.ticks);
-    let far = |ticks: u64| at.ticks.abs_diff(ticks) >= SPACING_TICKS;
-    if !far(before) || kept.get(place).is_some_and(|(next, _)| !far(next.ticks)) {
+    let near = |(known, _): &(Position, Checkpoint)| at.ticks.abs_diff(known.ticks) < timeline.spacing_ticks;
+    let begun = at.ticks > world.resource::<Player>().play.scene_of(at.ticks).ticks;
+    let beside = kept[..place].last().into_iter().chain(kept.get(place));
+    if !begun || beside.into_iter().any(near) {
         return;
     }
     let checkpoint = Checkpoint::take(world);

@@ -14,6 +14,7 @@ pub mod device;
 pub mod exchange;
 pub mod gesture;
 pub mod grasp;
+pub mod ids;
 pub mod input;
 pub mod instrument;
 pub mod optics;
@@ -34,6 +35,7 @@ pub use device::{AxisInput, DeviceCondition, DeviceHand, DeviceHands, DeviceRepo
 pub use exchange::{Exchange, ExchangeStage, Tray};
 pub use gesture::GestureSystems;
 pub use grasp::{Bruises, Grasp, GraspReport, JawPads, PinchLimit};
+pub use ids::SimulationIds;
 pub use input::{HandInput, Moved, ScriptClock};
 pub use instrument::{
     Blade, CutTrigger, CuttingLine, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, LineShape, PartMesh, Port,
