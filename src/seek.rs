@@ -18,7 +18,7 @@ pub const SPACING_TICKS: u64 = 5 * TICKS_PER_SECOND as u64;
 /// Most checkpoints that are kept.
 pub const MOST_KEPT: usize = 24;
 /// For how long a frame simulates on the way, s.
-const FRAME_S: f64 = 0.1;
+const FRAME_S: f64 = 0.25;
 
 /// Keeps checkpoints while a recording is played and there is a [`Timeline`], and goes where [`Timeline::go_to`] says.
 pub struct SeekPlugin;

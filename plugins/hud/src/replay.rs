@@ -32,10 +32,10 @@ impl ReplayBar {
     }
 }
 
-/// Draws it at the lower edge.
+/// Draws it at the upper edge.
 pub fn draw_replay(mut contexts: EguiContexts, present: Query<(), With<PrimaryEguiContext>>, bar: Option<Res<ReplayBar>>) -> Result {
     let Some(bar) = bar.filter(|_| !present.is_empty()) else { return Ok(()) };
-    egui::Area::new("replay".into()).anchor(Align2::CENTER_BOTTOM, [0.0, -10.0]).show(contexts.ctx_mut()?, |ui| {
+    egui::Area::new("replay".into()).anchor(Align2::CENTER_TOP, [0.0, 46.0]).show(contexts.ctx_mut()?, |ui| {
         let text = RichText::new(bar.text()).color(if bar.goes_to_s.is_some() { ACTIVE } else { Color32::WHITE });
         ui.add(ProgressBar::new(bar.part()).desired_width(420.0).fill(Color32::from_gray(90)).text(text));
     });
