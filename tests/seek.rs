@@ -84,7 +84,7 @@ fn back_and_forth(name: &str, ticks: u64, restart: Option<u64>, shows: impl Fn(&
     let end = counts(&app);
     assert!(app.world().resource::<Timeline>().kept().len() <= MOST_KEPT);
     let mut spread = 0.5_f64;
-    for _ in 0..6 {
+    for _ in 0..4 {
         spread = (spread + 0.618_034).fract();
         let (wanted, before) = ((spread * ticks as f64) as u64, play(&app).compared());
         let there = go_to(&mut app, wanted);
