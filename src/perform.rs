@@ -37,6 +37,8 @@ pub struct Performance {
     pub ticks_per_frame: Option<u64>,
     /// A recording to play instead of the demonstration, to its end or as long as `seconds` says.
     pub replay: Option<Recording>,
+    /// Time of the recording at which pictures and frames begin, s; `seconds` counts from there.
+    pub from_s: f64,
     /// A recording to make.
     pub record: Option<Record>,
 }
@@ -100,7 +102,8 @@ pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(
     let ticks = ticks(&theatre, wanted)?;
     let demonstration = !theatre.script.is_empty();
     let scene = theatre.scene.name.clone();
-    let shots = shots(&theatre.script, ticks);
+    let from = in_ticks(wanted.from_s);
+    let shots = shots(&theatre.script, from, ticks);
     let per_frame = wanted.ticks_per_frame.unwrap_or(TICKS_PER_FRAME).max(1);
     let cameras = if wanted.cameras.is_empty() { both_cameras().into() } else { wanted.cameras.clone() };
     let drawn = wanted.pictures.is_some() || wanted.frames.is_some();
@@ -123,8 +126,8 @@ pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(
         if let (Some(folder), Some((_, name))) = (&wanted.pictures, shots.iter().find(|(at, _)| *at == tick)) {
             take_pictures(&mut app, both_views(folder, name))?;
         }
-        if let Some(folder) = wanted.frames.as_ref().filter(|_| tick.is_multiple_of(per_frame)) {
-            let number = tick / per_frame;
+        if let Some(folder) = wanted.frames.as_ref().filter(|_| tick > from && (tick - from).is_multiple_of(per_frame)) {
+            let number = (tick - from) / per_frame;
             let frame = |(name, of): &(String, PictureOf)| PictureRequest { path: folder.join(frame_name(number, name)), of: *of };
             take_pictures(&mut app, cameras.iter().map(frame))?;
         }
@@ -153,22 +156,27 @@ pub fn perform(theatre: Theatre, wanted: &Performance, mut progress: impl FnMut(
 
 /// How many ticks are performed.
 fn ticks(theatre: &Theatre, wanted: &Performance) -> Result<u64, PerformError> {
-    let in_time = |seconds: f64| (seconds * TICKS_PER_SECOND).ceil().max(1.0) as u64;
     if let Some(recording) = &wanted.replay {
-        return Ok(wanted.seconds.map_or(u64::MAX, in_time).min(recording.ticks()));
+        return Ok(wanted.seconds.map_or(u64::MAX, |s| in_ticks(wanted.from_s + s).max(1)).min(recording.ticks()));
     }
-    wanted.seconds.or(theatre.demonstration_s()).map(in_time).ok_or(PerformError::NothingToPerform)
+    wanted.seconds.or(theatre.demonstration_s()).map(|s| in_ticks(s).max(1)).ok_or(PerformError::NothingToPerform)
 }
 
-/// The ticks at which pictures are taken: the first one, the middle of the time in which a pedal is down, and the last.
-fn shots(script: &Script, ticks: u64) -> [(u64, &'static str); 3] {
+/// Whole ticks until a time (s).
+#[must_use]
+pub fn in_ticks(time_s: f64) -> u64 {
+    (time_s * TICKS_PER_SECOND).ceil() as u64
+}
+
+/// The ticks at which pictures are taken: the first one after `from`, the middle of the time in which a pedal is down, and the last.
+fn shots(script: &Script, from: u64, ticks: u64) -> [(u64, &'static str); 3] {
     let active = |tick: &u64| {
         let time_s = *tick as f64 / TICKS_PER_SECOND;
         [Hand::Left, Hand::Right].into_iter().any(|hand| script.hand(hand, time_s).is_some_and(|key| key.active))
     };
-    let cutting: Vec<u64> = (1..=ticks).filter(active).collect();
-    let middle = cutting.get(cutting.len() / 2).copied().unwrap_or(ticks / 2);
-    [(1, "1_before"), (middle.clamp(2, ticks.max(3) - 1), "2_during"), (ticks, "3_after")]
+    let cutting: Vec<u64> = (from + 1..=ticks).filter(active).collect();
+    let middle = cutting.get(cutting.len() / 2).copied().unwrap_or((from + ticks) / 2);
+    [(from + 1, "1_before"), (middle.clamp(from + 2, ticks.max(from + 3) - 1), "2_during"), (ticks, "3_after")]
 }
 
 /// Both views, with their names.

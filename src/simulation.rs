@@ -1,6 +1,7 @@
 //! The app: which plugins it has, around a theatre. `main`, tests and benches all build it here.
 
 use crate::modules::Module;
+use crate::seek::SeekPlugin;
 use crate::spawn::{cut_settings, reset, spawn};
 use crate::theatre::Theatre;
 use bevy::app::TaskPoolThreadAssignmentPolicy;
@@ -72,7 +73,7 @@ pub fn simulation_of(theatre: Theatre, settings: Settings, modules: impl IntoIte
     add_engine(&mut app, settings);
     app.set_error_handler(count_fault)
         .insert_resource(Time::<Fixed>::from_hz(TICKS_PER_SECOND))
-        .add_plugins((WhiteboardPlugin, RecordingPlugin))
+        .add_plugins((WhiteboardPlugin, RecordingPlugin, SeekPlugin))
         .add_systems(First, (stop_on_fault, reset).chain().after(PlayerSystems))
         .add_systems(FixedFirst, (reset, stand_still.run_if(not(running))).chain().after(PlayerSystems));
     modules.into_iter().for_each(|module| module.add(&mut app));

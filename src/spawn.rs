@@ -18,8 +18,8 @@ use keyhole_tissue::{
 use keyhole_whiteboard::{
     Anatomy, Attachments, BleedReport, ClipReport, ClipShape, CutSettings, CutStatus, Endoscope, GlobalView, GraspReport, Gravity, Hand,
     Instrument, InstrumentKind, NeedleGrip, Organ, OrganMaterials, PinchLimit, Port, RigidBody, RigidReport, SceneCleared, ScopeOptics,
-    ScriptClock, SimulationControl, SurfaceFriction, SutureReport, TearResistance, Thread, TickCost, TissueMesh, TissueState,
-    TopologyChanged, Tray,
+    ScriptClock, SimulationControl, SimulationIds, SurfaceFriction, SutureReport, TearResistance, Thread, TickCost, TissueMesh,
+    TissueState, TopologyChanged, Tray,
 };
 
 /// Part of the sag within which a rest shape hangs as the scan.
@@ -114,7 +114,8 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
                 ),
             }
         }
-        let mut entity = world.spawn((Organ { name: organ.name.clone() }, TissueMesh(mesh), state, materials, attachments));
+        let mut entity =
+            SimulationIds::spawn_in(world, (Organ { name: organ.name.clone() }, TissueMesh(mesh), state, materials, attachments));
         rub(&mut entity, organ.friction);
         if let Some(vessel) = vessel {
             entity.insert(vessel);
@@ -128,7 +129,7 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
     }
     for (told, surface) in scene.anatomy.iter().zip(&theatre.surfaces) {
         let anatomy = Anatomy { name: told.name.clone(), surface: surface.clone(), colour: told.colour };
-        let mut entity = world.spawn((anatomy, Transform::from_isometry(told.transform.isometry())));
+        let mut entity = SimulationIds::spawn_in(world, (anatomy, Transform::from_isometry(told.transform.isometry())));
         if told.solid {
             match surface::solid(surface, &told.transform) {
                 Ok(solid) => {
@@ -154,7 +155,7 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             state.grip = 1.0;
         }
         // What cuts comes first: instruments equip what arrives without it.
-        let mut entity = world.spawn_empty();
+        let mut entity = SimulationIds::spawn_in(world, ());
         if let Some(of_kind) = tools::cutting_line(kind) {
             entity.insert(instrument.cutting_line(of_kind));
         }
@@ -187,7 +188,7 @@ pub fn spawn(world: &mut World, theatre: &Theatre) {
             fogs_in_s: scope.fogs_in_s,
             stereo_base_m: scope.stereo_base_mm.map(|base| base * 1e-3),
         };
-        world.spawn((endoscope, optics, port, trocar_state(scope.yaw_deg, scope.pitch_deg, scope.insertion_m)));
+        SimulationIds::spawn_in(world, (endoscope, optics, port, trocar_state(scope.yaw_deg, scope.pitch_deg, scope.insertion_m)));
     }
 }
 
@@ -198,7 +199,7 @@ fn spawn_sutures(world: &mut World, scene: &Scene, hands: &[(Hand, Entity, Isome
         let holder = suture.held_by.and_then(|hand| hands.iter().find(|(h, ..)| *h == hand.hand()));
         let (mut needle, thread) = suture.needle(holder.map_or(local, |(.., pose)| *pose * local));
         needle.grips.extend(holder.map(|(_, instrument, _)| NeedleGrip { instrument: *instrument, local }));
-        world.spawn((needle, thread));
+        SimulationIds::spawn_in(world, (needle, thread));
     }
 }
 

@@ -55,6 +55,13 @@ fn a_recording_made_under_load_replays_to_the_same_bits() {
     assert_eq!(digest(&replayed), digest(&recorded));
     assert!(String::from_utf8_lossy(&replayed.stdout).contains("the same bits after each of 180 ticks"));
 
+    // From a time in it, it goes on with the same bits; a time that it does not have is none.
+    let later = keyhole(&scene(), &["--replay", path, "--from", "2.5", "--verify"]);
+    assert_eq!((later.status.code(), digest(&later)), (Some(0), digest(&recorded)));
+    let never = keyhole(&scene(), &["--replay", path, "--from", "3"]);
+    assert_eq!(never.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&never.stderr).contains("the recording is 3.00 s long"));
+
     // A file is never overwritten.
     assert_eq!(keyhole(&scene(), &["--seconds", "1", "--record", path]).status.code(), Some(2));
 

@@ -4,8 +4,12 @@
 //! there, a tick allocates as often and as much as without its plugin, and ends in the same bits.
 #![expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 
+#[path = "common/heap.rs"]
+mod heap;
+
 use bevy::ecs::schedule::SingleThreadedExecutor;
 use bevy::prelude::*;
+use heap::{BYTES, CALLS, LIVE};
 use keyhole::census::Census;
 use keyhole::modules::Module;
 use keyhole::report::digest::digest;
@@ -16,37 +20,10 @@ use keyhole_assessment::Assessment;
 use keyhole_collision::CollisionReport;
 use keyhole_tissue::TissueReport;
 use keyhole_whiteboard::{Contacts, FragmentDetached, SceneRequirements};
-use std::alloc::{GlobalAlloc, Layout, System};
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::atomic::{AtomicIsize, AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Mutex, MutexGuard, PoisonError};
-
-/// The system's allocator, counted.
-struct Counted;
-
-static CALLS: AtomicU64 = AtomicU64::new(0);
-static BYTES: AtomicU64 = AtomicU64::new(0);
-static LIVE: AtomicIsize = AtomicIsize::new(0);
-
-#[expect(unsafe_code, reason = "every call is handed to the system's allocator as it is")]
-// SAFETY: layouts and pointers go to `System` unchanged; what is counted does not allocate.
-unsafe impl GlobalAlloc for Counted {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        CALLS.fetch_add(1, Ordering::Relaxed);
-        BYTES.fetch_add(layout.size() as u64, Ordering::Relaxed);
-        LIVE.fetch_add(layout.size() as isize, Ordering::Relaxed);
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        LIVE.fetch_sub(layout.size() as isize, Ordering::Relaxed);
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static HEAP: Counted = Counted;
 
 /// Tests share the heap's counters: one at a time.
 static TURN: Mutex<()> = Mutex::new(());

@@ -1,11 +1,13 @@
 //! `keyhole` and `keyhole play`: a scene in a window.
 
-use crate::cli::run::{Wanted, replay_verdict, say, seconds, with_report};
+use crate::cli::run::{Wanted, moment, replay_verdict, say, seconds, with_report, within};
 use crate::cli::{Failure, MethodArg};
-use crate::perform::Replayed;
+use crate::perform::{Replayed, in_ticks};
 use crate::recording::{header, read};
+use crate::replay_keys::ReplayPlugin;
 use crate::report::folder;
-use crate::simulation::{Output, Settings, TICKS_PER_SECOND, simulation};
+use crate::seek::Timeline;
+use crate::simulation::{Output, Settings, simulation};
 use crate::stage::StagePlugin;
 use crate::theatre::{Theatre, default_scene as find_default_scene};
 use bevy::diagnostic::FrameCount;
@@ -14,7 +16,7 @@ use bevy::window::PrimaryWindow;
 use clap::ValueEnum;
 use keyhole_assessment::recording::{Play, Player, Recorder, Recording, RecordingWriter};
 use keyhole_view::{PictureOf, PictureRequest, PictureRequests, PicturesPending, ViewLayout, adapter_available, display_available};
-use keyhole_whiteboard::{TickCost, ViewMode};
+use keyhole_whiteboard::{SimulationControl, TickCost, ViewMode};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `keyhole play`.
@@ -34,6 +36,9 @@ pub struct PlayArgs {
     /// Play a recording; the views are free. At its end the simulation is paused.
     #[arg(long, value_name = "FILE", conflicts_with = "method")]
     pub replay: Option<PathBuf>,
+    /// Begin at this time of the recording, s. Arrow keys, Home and End go to others.
+    #[arg(long, value_name = "S", value_parser = moment, requires = "replay", allow_hyphen_values = true)]
+    pub from: Option<f64>,
     /// Close the window after this much simulated time, s.
     #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true)]
     pub seconds: Option<f64>,
@@ -92,6 +97,7 @@ pub fn run(args: PlayArgs) -> Result<(), Failure> {
     display_available().map_err(Failure::job)?;
     adapter_available().map_err(Failure::job)?;
     let replay = args.replay.map(|file| read(&file, &path, &theatre)).transpose().map_err(Failure::input)?;
+    let from_s = args.from.map(|from| within(from, replay.as_ref())).transpose()?;
     let writer = |file: &PathBuf| header(&path, &theatre).and_then(|header| RecordingWriter::create(file, &header));
     let record = args.record.as_ref().map(writer).transpose().map_err(Failure::input)?;
     let settings =
@@ -106,7 +112,7 @@ pub fn run(args: PlayArgs) -> Result<(), Failure> {
         LayoutArg::Stereo => ViewLayout::SideBySide,
     };
     let (seconds, picture, window) = (args.seconds, args.picture, args.window);
-    open(theatre, settings, Session { path, start, seconds, picture, replay, record, view, layout, window })
+    open(theatre, settings, Session { path, start, seconds, picture, replay, from_s, record, view, layout, window })
 }
 
 /// What happens in a window besides playing.
@@ -122,6 +128,7 @@ struct Session {
     seconds: Option<f64>,
     picture: Option<PathBuf>,
     replay: Option<Recording>,
+    from_s: Option<f64>,
     record: Option<RecordingWriter>,
 }
 
@@ -194,7 +201,7 @@ fn processor_s() -> Option<[f64; 2]> {
 }
 
 fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Failure> {
-    let Session { path, start, view, layout, window, seconds, picture, replay, record } = session;
+    let Session { path, start, view, layout, window, seconds, picture, replay, from_s, record } = session;
     let mut app = simulation(theatre, settings);
     let free = replay.is_none() && record.is_none();
     app.add_plugins(StagePlugin { path, free, start }).insert_resource(view).insert_resource(layout);
@@ -205,13 +212,16 @@ fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Fa
         }
     }
     if let Some(recording) = replay {
-        app.insert_resource(Player::new(Play::new(recording))).add_systems(Last, tell_end);
+        app.insert_resource(Player::new(Play::new(recording))).add_plugins(ReplayPlugin).add_systems(Last, tell_end);
+        if let Some(from_s) = from_s {
+            app.world_mut().resource_mut::<Timeline>().go_to(in_ticks(from_s), &SimulationControl::default(), false);
+        }
     }
     if let Some(writer) = record {
         app.insert_resource(Recorder::new(writer));
     }
     if let Some(seconds) = seconds {
-        let after_tick = (seconds * TICKS_PER_SECOND).ceil() as u64;
+        let after_tick = in_ticks(from_s.unwrap_or(0.0) + seconds);
         app.insert_resource(Closing { after_tick, after_s: start.then_some(seconds), picture, begun: Spent::default() })
             .add_systems(Last, close);
     }

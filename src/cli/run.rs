@@ -1,9 +1,10 @@
 //! `keyhole run`: a scene performed without a window.
 
 use crate::cli::{Failure, MethodArg, video};
-use crate::perform::{Outcome, PerformError, Performance, Record, Replayed, both_cameras, perform};
+use crate::perform::{Outcome, PerformError, Performance, Record, Replayed, both_cameras, in_ticks, perform};
 use crate::recording::{header, read};
 use crate::report::folder::Folder;
+use crate::simulation::TICKS_PER_SECOND;
 use crate::theatre::Theatre;
 use bevy::prelude::Vec3;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -45,6 +46,9 @@ pub struct RunArgs {
     /// Play a recording instead of the demonstration.
     #[arg(long, value_name = "FILE", conflicts_with = "method")]
     pub replay: Option<PathBuf>,
+    /// Begin at this time of the recording, s: what comes before is simulated, and not drawn. --seconds counts from there.
+    #[arg(long, value_name = "S", value_parser = moment, requires = "replay", allow_hyphen_values = true)]
+    pub from: Option<f64>,
     /// Fail unless the replay has the same bits as the recording after every tick.
     #[arg(long, requires = "replay")]
     pub verify: bool,
@@ -62,6 +66,7 @@ pub(crate) struct Wanted {
     pub threads: Option<usize>,
     pub record: Option<Record>,
     pub replay: Option<Recording>,
+    pub from_s: f64,
     pub verify: bool,
 }
 
@@ -72,10 +77,12 @@ pub(crate) struct Wanted {
 pub fn run(args: RunArgs) -> Result<(), Failure> {
     let theatre = Theatre::load(&args.scene).map_err(Failure::input)?;
     let record = args.record.map(|file| header(&args.scene, &theatre).map(|header| Record { file, header }));
-    let replay = args.replay.map(|file| read(&file, &args.scene, &theatre));
+    let replay = args.replay.map(|file| read(&file, &args.scene, &theatre)).transpose().map_err(Failure::input)?;
+    let from_s = args.from.map_or(Ok(0.0), |from| within(from, replay.as_ref()))?;
     let wanted = Wanted {
         record: record.transpose().map_err(Failure::input)?,
-        replay: replay.transpose().map_err(Failure::input)?,
+        replay,
+        from_s,
         verify: args.verify,
         seconds: args.seconds,
         frames: args.frames,
@@ -121,6 +128,7 @@ pub(crate) fn with_report(theatre: Theatre, wanted: &Wanted) -> Result<(), Failu
         ticks_per_frame: wanted.frame_rate.map(|rate| u64::from(60 / rate.max(1))),
         record: wanted.record.clone(),
         replay: wanted.replay.clone(),
+        from_s: wanted.from_s,
     };
     let bar = progress_bar();
     let outcome = perform(theatre, &performance, |tick, ticks| {
@@ -202,6 +210,24 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
         Ok(s) if s > 0.0 && s <= 86_400.0 => Ok(s),
         _ => Err("expected a number of seconds above 0 and at most 86400".into()),
     }
+}
+
+/// A time since the start, s: at most a day.
+pub(crate) fn moment(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(s) if (0.0..=86_400.0).contains(&s) => Ok(s),
+        _ => Err("expected a number of seconds from 0 to 86400".into()),
+    }
+}
+
+/// A time that a recording has.
+pub(crate) fn within(from_s: f64, replay: Option<&Recording>) -> Result<f64, Failure> {
+    let ticks = replay.map_or(0, Recording::ticks);
+    if in_ticks(from_s) < ticks {
+        return Ok(from_s);
+    }
+    let length_s = ticks as f64 / TICKS_PER_SECOND;
+    Err(Failure::input(format!("--from {from_s}: the recording is {length_s:.2} s long; give a time before its end")))
 }
 
 /// A camera as it is named on the command line.

@@ -12,8 +12,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{MaterialId, OuterPlanes};
 use keyhole_whiteboard::{
     BleedReport, ClipApplier, ClipReport, Contacts, CuttingLine, Endoscope, FreedFrom, Grasp, GraspReport, Hand, Instrument,
-    InstrumentPose, JawPads, Needle, Organ, OrganMaterials, Port, SceneCleared, SceneRequirements, Suction, SutureReport, TickCost,
-    TickSystems, TissueMesh, ToolContacts, Vessel,
+    InstrumentPose, JawPads, Needle, Organ, OrganMaterials, Port, SceneCleared, SceneRequirements, StateOf, Suction, SutureReport,
+    TickCost, TickSystems, TissueMesh, ToolContacts, Vessel,
 };
 
 /// Measures a session where the scene requires it; where it does not, no system runs and nothing is allocated. A scene that is started over is a new session.
@@ -40,7 +40,7 @@ impl Default for AssessmentSettings {
 pub struct Clamped(pub Option<bool>);
 
 /// The session that is being measured.
-#[derive(Resource, Debug, Default)]
+#[derive(Resource, Clone, Debug, Default)]
 pub struct Assessment {
     session: Option<Box<Ongoing>>,
 }
@@ -53,7 +53,7 @@ impl Assessment {
     }
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Ongoing {
     sums: Session,
     sample: Sample,
@@ -61,7 +61,7 @@ struct Ongoing {
 }
 
 /// An organ with a tumour as it was.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Before {
     organ: Entity,
     volumes: Volumes,
@@ -74,6 +74,8 @@ impl Plugin for AssessmentPlugin {
             .init_resource::<AssessmentSettings>()
             .init_resource::<Clamped>()
             .init_resource::<Assessment>()
+            .state_resource::<Clamped>()
+            .state_resource::<Assessment>()
             .add_observer(|_: On<SceneCleared>, mut assessment: ResMut<Assessment>| *assessment = Assessment::default())
             .add_systems(FixedPreUpdate, begin.run_if(SceneRequirements::assessment).run_if(|cost: Res<TickCost>| cost.ticks == 0))
             .add_systems(FixedUpdate, measure.in_set(TickSystems::Assess).after(JudgeSystems).run_if(SceneRequirements::assessment));

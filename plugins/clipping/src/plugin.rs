@@ -14,8 +14,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{
     Attachments, BleedReport, BleedSite, Clip, ClipApplier, ClipReport, ClipShape, FragmentDetached, GestureSystems, Gravity, HeldBy,
-    InstrumentPose, JawPads, Jaws, RigidBody, RigidPose, SceneRequirements, StaticSurface, Suction, SuctionValve, TickSystems, TissueMesh,
-    TissuePoint, TissueState, TopologyChanged, Vessel,
+    InstrumentPose, JawPads, Jaws, RigidBody, RigidPose, SceneRequirements, SimulationIds, StateOf, StaticSurface, Suction, SuctionValve,
+    TickSystems, TissueMesh, TissuePoint, TissueState, TopologyChanged, Vessel,
 };
 
 /// How far upstream of an opening a vessel is looked at to tell its direction, radii of its lumen.
@@ -31,6 +31,9 @@ impl Plugin for ClippingPlugin {
         app.init_resource::<ClipSettings>()
             .init_resource::<FreedFragments>()
             .register_required_components::<ClipApplier, Trigger>()
+            .state::<Trigger>()
+            .state::<OpenLumen>()
+            .state_resource::<FreedFragments>()
             .add_observer(note_fragment.run_if(required))
             .add_systems(FixedUpdate, gesture.in_set(GestureSystems::Clip).run_if(required))
             .add_systems(FixedUpdate, (inherit, carry).chain().in_set(TickSystems::Collide).run_if(required));
@@ -45,11 +48,11 @@ struct Trigger {
 }
 
 /// The lumen of an organ's vessel. Written by clipping.
-#[derive(Component)]
+#[derive(Component, Clone)]
 struct OpenLumen(Lumen);
 
 /// Fragments that came free since topology changes were last looked at.
-#[derive(Resource, Default)]
+#[derive(Resource, Clone, Default)]
 struct FreedFragments(Vec<FragmentDetached>);
 
 fn note_fragment(detached: On<FragmentDetached>, mut freed: ResMut<FreedFragments>) {
@@ -70,6 +73,7 @@ fn set_clips(
     mut appliers: Query<(Entity, &mut ClipApplier, &mut Trigger, &InstrumentPose, &Jaws)>,
     organs: Query<(Entity, &TissueMesh, &TissueState, Option<&OpenLumen>)>,
     time: Res<Time<Fixed>>,
+    mut ids: ResMut<SimulationIds>,
     mut report: ResMut<ClipReport>,
 ) {
     let mut ordered: Vec<_> = appliers.iter_mut().collect();
@@ -99,14 +103,14 @@ fn set_clips(
         let Some((organ, pairs, lumen)) = best else {
             let before = pose.before * Isometry3d::from_xyz(0.0, 0.0, -applier.crown_m);
             let linear_m_s = Vec3::from(now.translation - before.translation) / time.timestep().as_secs_f32();
-            commands.spawn((shape, rigid(&shape), RigidPose { linear_m_s, ..RigidPose::at_rest(now) }));
+            ids.spawn(&mut commands, (shape, rigid(&shape), RigidPose { linear_m_s, ..RigidPose::at_rest(now) }));
             report.dropped += 1;
             continue;
         };
         let closes = lumen.and_then(|l| l.0.closure(&pairs, shape.leg_m / ALONG as f32)).map_or(0.0, |c| c.closes as f32);
         report.set += 1;
         report.misplaced += u32::from(closes < 1.0);
-        commands.spawn((shape, Clip { organ, pose: now, pairs, closes, held: None, pull_n: Vec3::ZERO }));
+        ids.spawn(&mut commands, (shape, Clip { organ, pose: now, pairs, closes, held: None, pull_n: Vec3::ZERO }));
     }
 }
 

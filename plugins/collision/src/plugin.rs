@@ -17,8 +17,8 @@ use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
     Blade, Contact, Contacts, CuttingLine, FragmentDetached, FreedFrom, Instrument, InstrumentPose, Jaws, Joint, Obstacle, Port,
-    SceneCleared, SceneRequirements, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts, ToolModel,
-    ToolTouch, ToolTouched, TopologyChanged,
+    SceneCleared, SceneRequirements, StateOf, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts,
+    ToolModel, ToolTouch, ToolTouched, TopologyChanged,
 };
 
 /// How near a surface has to be to be touched, as a part of what is near.
@@ -33,6 +33,12 @@ impl Plugin for CollisionPlugin {
             .init_resource::<Workspace>()
             .init_resource::<CollisionReport>()
             .add_message::<ToolTouched>()
+            .state::<OrganShape>()
+            .state::<ToolParts>()
+            .no_state::<SolidAnatomy>()
+            .no_state::<Seen>()
+            .state_resource::<Workspace>()
+            .state_resource::<CollisionReport>()
             .add_observer(|_: On<SceneCleared>, mut work: ResMut<Workspace>| *work = Workspace::default())
             .add_observer(follow_fragment.run_if(SceneRequirements::collision))
             .add_systems(
@@ -61,7 +67,7 @@ pub struct CollisionReport {
 }
 
 /// What is kept from tick to tick: fresh cuts, and room.
-#[derive(Resource, Default)]
+#[derive(Resource, Clone, Default)]
 struct Workspace {
     /// Solid anatomy with its friction, in order.
     solid: Vec<(Entity, f32)>,
@@ -72,7 +78,7 @@ struct Workspace {
 }
 
 /// The shape of an organ.
-#[derive(Component)]
+#[derive(Component, Clone)]
 struct OrganShape {
     shape: Shape,
     /// Mean length of its edges when it came, m.
@@ -85,13 +91,14 @@ struct OrganShape {
 }
 
 /// The parts of an instrument that touch tissue.
-#[derive(Component)]
+#[derive(Component, Clone)]
 struct ToolParts {
     parts: Vec<MovingPart>,
     /// Angle of the jaws one tick ago, rad.
     angle_rad: f32,
 }
 
+#[derive(Clone)]
 struct MovingPart {
     part: ToolPart,
     joint: Joint,

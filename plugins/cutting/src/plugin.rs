@@ -9,7 +9,7 @@ use bevy_ecs::prelude::*;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
     Anchor, Attachment, Attachments, Blade, CutSettings, CutStatus, FragmentDetached, FreedFrom, InstrumentPose, Organ, OrganMaterials,
-    SceneRequirements, TickSystems, TissueMesh, TissueState, TopologyChanged,
+    SceneRequirements, SimulationIds, StateOf, TickSystems, TissueMesh, TissueState, TopologyChanged,
 };
 use std::collections::BTreeMap;
 
@@ -19,12 +19,12 @@ pub struct CuttingPlugin;
 impl Plugin for CuttingPlugin {
     fn build(&self, app: &mut App) {
         let systems = (prepare_organs, detach_fragments, cut_organs, send_changes).chain();
-        app.add_systems(FixedUpdate, systems.in_set(TickSystems::Cut).run_if(SceneRequirements::cutting));
+        app.state::<OrganCutter>().add_systems(FixedUpdate, systems.in_set(TickSystems::Cut).run_if(SceneRequirements::cutting));
     }
 }
 
 /// The cutter of an organ and what it knows of the blades in it.
-#[derive(Component)]
+#[derive(Component, Clone)]
 struct OrganCutter {
     cutter: Cutter,
     /// The blades that cut, each with its memory.
@@ -45,6 +45,7 @@ fn detach_fragments(
     mut commands: Commands,
     mut organs: Query<(Entity, &Organ, &OrganMaterials, &Attachments, &mut TissueMesh, &mut OrganCutter)>,
     mut status: ResMut<CutStatus>,
+    mut ids: ResMut<SimulationIds>,
     time: Res<Time<Fixed>>,
 ) {
     let mut ordered: Vec<_> = organs.iter_mut().filter(|o| o.5.look_for_fragments).collect();
@@ -58,7 +59,7 @@ fn detach_fragments(
             status.fragments += 1;
             let name = format!("{} piece {}", organ.name, status.fragments);
             let freed = FreedFrom { donor, time_s: time.elapsed_secs_f64() };
-            let entity = commands.spawn((Organ { name }, materials.clone(), TissueMesh(mesh), freed)).id();
+            let entity = ids.spawn(&mut commands, (Organ { name }, materials.clone(), TissueMesh(mesh), freed));
             commands.trigger(FragmentDetached { entity, donor, donor_nodes });
         }
     }

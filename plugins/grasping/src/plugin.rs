@@ -10,7 +10,7 @@ use bevy_ecs::prelude::*;
 use bevy_math::Vec3;
 use keyhole_whiteboard::{
     Anchor, Attachment, Attachments, Bruises, FragmentDetached, GestureSystems, Grasp, GraspReport, InstrumentPose, JawPads, Jaws, Organ,
-    PinchLimit, SceneRequirements, TissueMesh, TissuePoint, TissueState, TopologyChanged,
+    PinchLimit, SceneRequirements, StateOf, TickSystems, TissueMesh, TissuePoint, TissueState, TopologyChanged,
 };
 
 /// Jaws with pads hold tissue, in [`GestureSystems::Grasp`].
@@ -23,10 +23,10 @@ impl Plugin for GraspingPlugin {
             .register_required_components::<JawPads, Grip>()
             .add_observer(lose_pads)
             .add_observer(inherit.run_if(SceneRequirements::instruments))
-            .add_systems(
-                FixedUpdate,
-                (prepare, follow_cuts, grasp).chain().in_set(GestureSystems::Grasp).run_if(SceneRequirements::instruments),
-            );
+            .state::<Grip>()
+            .state_resource::<GraspReport>()
+            .add_systems(FixedUpdate, (prepare, grasp).chain().in_set(GestureSystems::Grasp).run_if(SceneRequirements::instruments))
+            .add_systems(FixedUpdate, follow_cuts.in_set(TickSystems::Adopt).run_if(SceneRequirements::instruments));
     }
 }
 
@@ -85,7 +85,7 @@ fn inherit(freed: On<FragmentDetached>, organs: Query<&Bruises>, mut commands: C
     commands.entity(freed.entity).insert(Bruises { by_node });
 }
 
-/// Bruises go with the tissue that was cut in the last tick.
+/// Bruises go with the tissue that was cut.
 fn follow_cuts(mut changes: MessageReader<TopologyChanged>, mut organs: Query<&mut Bruises>) {
     for change in changes.read() {
         if let Ok(mut bruises) = organs.get_mut(change.organ)

@@ -10,11 +10,13 @@ pub mod help;
 pub mod intent;
 pub mod panel;
 pub mod plugin;
+pub mod replay;
 pub mod results;
 pub mod start;
 pub mod tools;
 
 pub use guide::{Guide, Notices};
 pub use plugin::HudPlugin;
+pub use replay::ReplayBar;
 pub use results::{ResultSheet, ResultTable, ResultsScreen};
 pub use start::{SceneCard, StartScreen};

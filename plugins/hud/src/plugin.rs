@@ -5,6 +5,7 @@ use crate::figures::{MeshFigures, count};
 use crate::guide::{Guide, Notices, draw_guide, guide_keys};
 use crate::intent::{HudState, Intent, KEYS, carry_out, read_keys};
 use crate::panel::draw_hud;
+use crate::replay::draw_replay;
 use crate::results::{ResultsScreen, draw_results, result_keys};
 use crate::start::{StartScreen, Thumbnails, draw_start, start_keys};
 use bevy::camera::CameraOutputMode;
@@ -35,7 +36,10 @@ impl Plugin for HudPlugin {
             .add_systems(Startup, open_hud_eye)
             .add_systems(PreUpdate, (read_keys, carry_out, claim_pointer).chain().after(InputSystems))
             .add_systems(Update, count)
-            .add_systems(EguiPrimaryContextPass, (suit_window, draw_hud, draw_bleeding, draw_guide, draw_results, draw_start).chain());
+            .add_systems(
+                EguiPrimaryContextPass,
+                (suit_window, draw_hud, draw_bleeding, draw_guide, draw_replay, draw_results, draw_start).chain(),
+            );
         app.init_resource::<StartScreen>()
             .init_resource::<Thumbnails>()
             .init_resource::<ResultsScreen>()

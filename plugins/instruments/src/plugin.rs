@@ -19,7 +19,7 @@ use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
     Blade, ClipApplier, Contacts, CuttingLine, DeviceHands, Endoscope, Exchange, Grasp, Hand, HandInput, Instrument, InstrumentKind,
     InstrumentPose, JawPads, Jaws, KeyMap, Moved, PointerClaims, Port, SceneRequirements, ScriptClock, SenseSystems, SimulationControl,
-    Suction, SuctionValve, TickSystems, ToolContacts, ToolForce, Tray,
+    StateOf, Suction, SuctionValve, TickSystems, ToolContacts, ToolForce, Tray,
 };
 
 /// Pixels of a touchpad's scroll that count as one notch of a wheel.
@@ -42,6 +42,10 @@ impl Plugin for InstrumentsPlugin {
             .register_required_components::<Instrument, Proxy>()
             .register_required_components::<Instrument, ToolForce>()
             .register_required_components::<CuttingLine, JawStroke>()
+            .watched_state::<TrocarState>()
+            .state::<DeviceClutch>()
+            .state::<Proxy>()
+            .state::<JawStroke>()
             .add_observer(equip)
             .add_systems(
                 RunFixedMainLoop,

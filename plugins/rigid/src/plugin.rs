@@ -14,7 +14,7 @@ use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::tick::running;
 use keyhole_whiteboard::{
     Attachments, Endoscope, FreedFrom, Gravity, HeldBy, Instrument, InstrumentPose, Jaws, OrganMaterials, RigidBody, RigidFragments,
-    RigidMass, RigidPose, RigidQuarantined, RigidReport, RigidShape, Rigidified, SceneCleared, SceneRequirements, StaticSurface,
+    RigidMass, RigidPose, RigidQuarantined, RigidReport, RigidShape, Rigidified, SceneCleared, SceneRequirements, StateOf, StaticSurface,
     SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolModel, TopologyChanged,
 };
 use std::collections::BTreeMap;
@@ -27,6 +27,11 @@ impl Plugin for RigidPlugin {
         let required = SceneRequirements::rigid;
         app.init_resource::<RigidSettings>()
             .init_resource::<Workspace>()
+            .state::<TouchedSurface>()
+            .state::<PushingParts>()
+            .state::<Seen>()
+            .state::<Free>()
+            .state_resource::<Workspace>()
             .add_observer(|_: On<SceneCleared>, mut work: ResMut<Workspace>| *work = Workspace::default())
             .add_systems(FixedUpdate, soften.after(TickSystems::Adopt).before(TickSystems::Collide).run_if(running).run_if(required))
             .add_systems(
@@ -37,7 +42,7 @@ impl Plugin for RigidPlugin {
 }
 
 /// What is kept from tick to tick; nothing until something rigid is required.
-#[derive(Resource, Default)]
+#[derive(Resource, Clone, Default)]
 struct Workspace {
     world: Option<Box<RigidWorld>>,
     /// What was taken of the surface of an organ near a body: by body, then organ.
@@ -45,15 +50,15 @@ struct Workspace {
 }
 
 /// The surface of an organ that rigid bodies may touch.
-#[derive(Component)]
+#[derive(Component, Clone)]
 struct TouchedSurface(OrganSurface);
 
 /// The parts of an instrument that push rigid bodies.
-#[derive(Component)]
+#[derive(Component, Clone)]
 struct PushingParts(ToolParts);
 
 /// A body or a surface that rigid has looked at, whether it could be used or not.
-#[derive(Component)]
+#[derive(Component, Clone)]
 struct Seen;
 
 /// For how long a fragment has been free of every hold, and out of view, s.

@@ -10,7 +10,7 @@ use bevy_math::{Isometry3d, Vec3};
 use keyhole_whiteboard::RigidPose;
 use rapier3d::dynamics::{CoefficientCombineRule, RigidBodyBuilder, RigidBodyHandle, RigidBodyType, SpringCoefficients};
 use rapier3d::geometry::{ColliderBuilder, ColliderHandle, SharedShape, SolverFlags, TriMesh, TriMeshFlags};
-use rapier3d::pipeline::{ActiveHooks, PairFilterContext, PhysicsHooks, PhysicsWorld};
+use rapier3d::pipeline::{ActiveHooks, CollisionPipeline, PairFilterContext, PhysicsHooks, PhysicsPipeline, PhysicsWorld};
 use std::collections::BTreeMap;
 
 /// Largest speed of a body, m/s: a guard of rapier's, far above any in a theatre.
@@ -33,12 +33,36 @@ pub struct RigidWorld {
     pieces: BTreeMap<(Entity, Entity), RigidBodyHandle>,
 }
 
+#[derive(Clone)]
 struct Member {
     handle: RigidBodyHandle,
     collider: ColliderHandle,
     reach_m: f32,
     last: RigidPose,
     lost: bool,
+}
+
+impl Clone for RigidWorld {
+    /// The same bodies with the same memory of their contacts. Rapier's pipelines are room to work in, and are made anew.
+    fn clone(&self) -> Self {
+        let of = &self.physics;
+        let physics = PhysicsWorld {
+            gravity: of.gravity,
+            integration_parameters: of.integration_parameters,
+            physics_pipeline: PhysicsPipeline::new(),
+            collision_pipeline: CollisionPipeline::new(),
+            islands: of.islands.clone(),
+            broad_phase: of.broad_phase.clone(),
+            narrow_phase: of.narrow_phase.clone(),
+            bodies: of.bodies.clone(),
+            colliders: of.colliders.clone(),
+            impulse_joints: of.impulse_joints.clone(),
+            multibody_joints: of.multibody_joints.clone(),
+            soft_bodies: of.soft_bodies.clone(),
+            ccd_solver: of.ccd_solver.clone(),
+        };
+        Self { physics, bodies: self.bodies.clone(), tools: self.tools.clone(), anatomy: self.anatomy.clone(), pieces: self.pieces.clone() }
+    }
 }
 
 /// A piece of the surface of tissue as it is at the end of a tick, that moves evenly during the tick.

@@ -9,7 +9,7 @@ use bevy_ecs::prelude::*;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
     Anchor, Attachment, Attachments, Bites, GestureSystems, Gravity, InstrumentPose, JawPads, Jaws, Knots, Needle, SceneRequirements,
-    SutureReport, TearResistance, Thread, TissueMesh, TissueState,
+    StateOf, SutureReport, TearResistance, Thread, TissueMesh, TissueState,
 };
 
 /// Needle and thread, in [`GestureSystems::Suture`].
@@ -20,12 +20,15 @@ impl Plugin for SuturingPlugin {
         app.init_resource::<SutureSettings>()
             .init_resource::<SutureReport>()
             .register_required_components::<Needle, Strung>()
+            .state::<Strung>()
+            .state::<Watch>()
+            .state_resource::<SutureReport>()
             .add_systems(FixedUpdate, suture.in_set(GestureSystems::Suture).run_if(SceneRequirements::suturing));
     }
 }
 
 /// What a suture keeps. Written by suturing.
-#[derive(Component, Debug, Default)]
+#[derive(Component, Clone, Debug, Default)]
 struct Strung(Works);
 
 /// What jaws were at; on jaws that a tick with a needle has seen. Written by suturing.

@@ -15,7 +15,7 @@ use keyhole_tetmesh::{NodeEdit, NodeId, TopologyDelta};
 use keyhole_whiteboard::tick::running;
 use keyhole_whiteboard::{
     Anchor, Attachments, Contacts, FragmentDetached, FreedFrom, Gravity, InstrumentPose, Obstacle, OrganMaterials, Rigidified,
-    SceneRequirements, TickSystems, TissueMesh, TissueState, TopologyChanged,
+    SceneRequirements, StateOf, TickSystems, TissueMesh, TissueState, TopologyChanged,
 };
 use rayon::prelude::*;
 
@@ -28,6 +28,10 @@ impl Plugin for TissuePlugin {
         app.init_resource::<TissueSettings>()
             .init_resource::<TissueReport>()
             .init_resource::<FreedFragments>()
+            .state::<TissueBody>()
+            .state::<Quarantined>()
+            .state_resource::<TissueReport>()
+            .state_resource::<FreedFragments>()
             .add_observer(note_fragment.run_if(SceneRequirements::tissue))
             .add_systems(FixedUpdate, embody.before(TickSystems::Sense).run_if(running).run_if(SceneRequirements::tissue))
             .add_systems(FixedUpdate, (let_go, adopt_changes).chain().in_set(TickSystems::Adopt).run_if(SceneRequirements::tissue))
@@ -82,7 +86,7 @@ pub struct TissueReport {
 }
 
 /// Fragments that came free since the last adoption.
-#[derive(Resource, Default)]
+#[derive(Resource, Clone, Default)]
 struct FreedFragments(Vec<FragmentDetached>);
 
 fn note_fragment(detached: On<FragmentDetached>, mut freed: ResMut<FreedFragments>) {

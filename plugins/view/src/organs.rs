@@ -12,7 +12,9 @@ use crate::sheet::{Side, Surface};
 use crate::smoothing::Smoothing;
 use bevy::camera::visibility::{NoAutoAabb, NoFrustumCulling};
 use bevy::prelude::*;
-use keyhole_whiteboard::{Bruises, FragmentDetached, Organ, OrganMaterials, TissueMesh, TissueState, TopologyChanged};
+use keyhole_whiteboard::{
+    Bruises, FragmentDetached, Organ, OrganMaterials, SceneCleared, StateRestored, TissueMesh, TissueState, TopologyChanged,
+};
 use rustc_hash::FxHashMap;
 use std::sync::Arc;
 
@@ -35,8 +37,8 @@ struct OrganView {
 #[derive(Resource, Default)]
 pub struct OrganViews {
     views: Vec<OrganView>,
-    /// Planes for organs that are still to come: freed fragments.
-    inherited: FxHashMap<Entity, Arc<OuterPlanes>>,
+    /// The planes of every organ of the scene: freed fragments that are still to come have those of their donors, and an organ that was cut keeps what it had.
+    planes: FxHashMap<Entity, Arc<OuterPlanes>>,
     normals: Vec<Vec3>,
     blend: Vec<Vec3>,
     faired: Vec<Vec3>,
@@ -51,9 +53,20 @@ impl OrganViews {
 
 /// A freed fragment takes over the planes of its donor, whose original tetrahedra its own refer to.
 pub fn inherit_planes(freed: On<FragmentDetached>, mut views: ResMut<OrganViews>) {
-    let planes = views.views.iter().find(|v| v.organ == freed.donor).map(|v| v.planes.clone());
-    if let Some(planes) = planes.or_else(|| views.inherited.get(&freed.donor).cloned()) {
-        views.inherited.insert(freed.entity, planes);
+    if let Some(planes) = views.planes.get(&freed.donor).cloned() {
+        views.planes.insert(freed.entity, planes);
+    }
+}
+
+/// Another scene has other organs.
+pub fn forget_planes(_: On<SceneCleared>, mut views: ResMut<OrganViews>) {
+    views.planes.clear();
+}
+
+/// Organs that are what they were at another time are taken up anew.
+pub fn drop_views(_: On<StateRestored>, mut commands: Commands, mut views: ResMut<OrganViews>) {
+    for (entity, _) in views.views.drain(..).flat_map(|view| view.drawn).flatten() {
+        commands.entity(entity).despawn();
     }
 }
 
@@ -75,7 +88,7 @@ pub fn adopt_organs(
         if state.positions.len() < mesh.0.node_slots() || views.views.iter().any(|v| v.organ == organ) {
             continue;
         }
-        let planes = views.inherited.remove(&organ).unwrap_or_else(|| Arc::new(OuterPlanes::of(&mesh.0)));
+        let planes = views.planes.entry(organ).or_insert_with(|| Arc::new(OuterPlanes::of(&mesh.0))).clone();
         let surface = Surface::of(&mesh.0, &planes);
         views.views.push(OrganView {
             organ,

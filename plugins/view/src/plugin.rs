@@ -9,7 +9,9 @@ use crate::framing::{Framing, frame_scene};
 use crate::materials::TissueMaterials;
 use crate::optics::Lens;
 use crate::orbit::{OrbitSettings, OrbitState, claim_mouse, follow_framing, orbit};
-use crate::organs::{OrganViews, adopt_organs, draw_organs, follow_topology, inherit_planes, record_positions, switch_fairing};
+use crate::organs::{
+    OrganViews, adopt_organs, draw_organs, drop_views, follow_topology, forget_planes, inherit_planes, record_positions, switch_fairing,
+};
 use crate::paint::Paint;
 use crate::pictures::{build_darkroom, develop};
 use crate::shading::SceneMaterial;
@@ -17,7 +19,7 @@ use crate::smoke::{Smoke, SmokeSettings, smoke};
 use crate::smoothing::MotionSettings;
 use crate::theatre::{furnish, light_scope, surround};
 use crate::thread::{draw_sutures, move_sutures};
-use crate::tools::{draw_fittings, draw_tools, drop_orphans, move_fittings, move_tools};
+use crate::tools::{draw_fittings, draw_tools, drop_drawn, drop_orphans, move_fittings, move_tools};
 use bevy::app::RunFixedMainLoopSystems;
 use bevy::asset::embedded_asset;
 use bevy::camera::CameraUpdateSystems;
@@ -80,6 +82,9 @@ impl Plugin for ViewPlugin {
             .init_resource::<OrbitState>()
             .insert_resource(MotionSettings::Blend)
             .add_observer(inherit_planes)
+            .add_observer(forget_planes)
+            .add_observer(drop_views)
+            .add_observer(drop_drawn)
             .add_systems(Startup, (furnish, open_window_eyes))
             .add_systems(PreUpdate, claim_mouse.after(InputSystems))
             .add_systems(RunFixedMainLoop, adopt_organs.in_set(RunFixedMainLoopSystems::BeforeFixedMainLoop))

@@ -1,14 +1,16 @@
 //! Instruments, ports and the endoscope's shaft as they are drawn.
 
+use crate::clips::ClipPart;
 use crate::layers;
 use crate::shading::{Look, SceneMaterial, Sides};
 use crate::smoothing::Smoothing;
+use crate::thread::{DrawnNeedle, DrawnThread};
 use bevy::asset::RenderAssetUsages;
 use bevy::light::NotShadowCaster;
 use bevy::math::Isometry3d;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
-use keyhole_whiteboard::{Blade, Endoscope, InstrumentPose, Jaws, PartMesh, Port, ToolModel};
+use keyhole_whiteboard::{Blade, Endoscope, InstrumentPose, Jaws, PartMesh, Port, StateRestored, ToolModel};
 
 /// What a drawn entity stands for: it goes when that is gone.
 #[derive(Component, Clone, Copy, Debug)]
@@ -38,16 +40,29 @@ pub fn drop_orphans(mut commands: Commands, drawn: Query<(Entity, &Draws)>, all:
     }
 }
 
-/// Draws instruments whose model has come or changed.
+/// What is drawn of a state is drawn anew when another one has been put in its place. Ports and anatomy are no part of it.
+pub fn drop_drawn(_: On<StateRestored>, mut commands: Commands, drawn: Query<Entity, OfState>) {
+    for entity in &drawn {
+        commands.entity(entity).despawn();
+    }
+}
+
+type OfState = Or<(With<DrawnPart>, With<BladeGlow>, With<ScopeShaft>, With<ClipPart>, With<DrawnNeedle>, With<DrawnThread>)>;
+
+/// Draws instruments whose model has come or changed, and those that are not drawn.
 pub fn draw_tools(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<SceneMaterial>>,
-    changed: Query<(Entity, &ToolModel), Changed<ToolModel>>,
+    tools: Query<(Entity, Ref<ToolModel>)>,
     drawn: Query<(Entity, &Draws), With<DrawnPart>>,
 ) {
-    for (tool, model) in &changed {
-        drawn.iter().filter(|(_, of)| of.0 == tool).for_each(|(entity, _)| commands.entity(entity).despawn());
+    for (tool, model) in &tools {
+        let mine = || drawn.iter().filter(|(_, of)| of.0 == tool);
+        if !model.is_changed() && mine().next().is_some() {
+            continue;
+        }
+        mine().for_each(|(entity, _)| commands.entity(entity).despawn());
         for (index, part) in model.parts.iter().enumerate() {
             commands.spawn((
                 Draws(tool),

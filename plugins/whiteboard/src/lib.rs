@@ -5,6 +5,7 @@
 
 pub mod attachment;
 pub mod blood;
+pub mod checkpoint;
 pub mod clip;
 pub mod contact;
 pub mod control;
@@ -13,6 +14,7 @@ pub mod device;
 pub mod exchange;
 pub mod gesture;
 pub mod grasp;
+pub mod ids;
 pub mod input;
 pub mod instrument;
 pub mod optics;
@@ -24,6 +26,7 @@ pub mod tick;
 
 pub use attachment::{Anchor, Attachment, Attachments, TissuePoint};
 pub use blood::{BloodPool, Suction, SuctionValve};
+pub use checkpoint::{Checkpoint, StateOf, StateRegistry, StateRestored};
 pub use clip::{BleedReport, BleedSite, Clip, ClipApplier, ClipPair, ClipReport, ClipShape, Vessel, VesselEnd};
 pub use contact::{Contact, Contacts, Obstacle, StaticSurface, SurfaceFriction, ToolContacts, ToolTouch, ToolTouched};
 pub use control::{GlobalView, KeyMap, PointerClaims, SimulationControl, ViewMode};
@@ -32,6 +35,7 @@ pub use device::{AxisInput, DeviceCondition, DeviceHand, DeviceHands, DeviceRepo
 pub use exchange::{Exchange, ExchangeStage, Tray};
 pub use gesture::GestureSystems;
 pub use grasp::{Bruises, Grasp, GraspReport, JawPads, PinchLimit};
+pub use ids::SimulationIds;
 pub use input::{HandInput, Moved, ScriptClock};
 pub use instrument::{
     Blade, CutTrigger, CuttingLine, Endoscope, Hand, Instrument, InstrumentKind, InstrumentPose, Jaws, Joint, LineShape, PartMesh, Port,

@@ -2,7 +2,7 @@
 
 use crate::{
     BleedReport, ClipReport, CutSettings, CutStatus, DeviceHands, DeviceStatus, Gravity, KeyMap, PointerClaims, RigidFragments,
-    RigidReport, SceneRequirements, SimulationControl, TopologyChanged, ViewMode,
+    RigidReport, SceneRequirements, SimulationControl, SimulationIds, TopologyChanged, ViewMode,
 };
 use bevy_app::prelude::*;
 use bevy_ecs::prelude::*;
@@ -108,6 +108,9 @@ impl Plugin for WhiteboardPlugin {
             })
             .add_systems(FixedUpdate, start_tick.before(TickSystems::Sense).run_if(running))
             .add_systems(FixedUpdate, end_tick.after(TickSystems::Publish).run_if(running));
+        crate::checkpoint::register_whiteboard(app);
+        SimulationIds::set_aside(app.world_mut());
+        app.add_systems(FixedFirst, SimulationIds::set_aside);
         for (i, set) in TickSystems::ALL.into_iter().enumerate() {
             let mark = move |mut cost: ResMut<TickCost>| close_stage(&mut cost, i);
             match TickSystems::ALL.get(i + 1) {

@@ -7,7 +7,7 @@ use bevy_ecs::prelude::*;
 use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Anchor, Attachment, Attachments, GestureSystems, InstrumentPose, Jaws, Organ, SceneRequirements, TissueMesh, TissueState,
+    Anchor, Attachment, Attachments, GestureSystems, InstrumentPose, Jaws, Organ, SceneRequirements, StateOf, TissueMesh, TissueState,
 };
 use stay::{Stay, tissue_at};
 
@@ -17,6 +17,8 @@ pub struct StayPlugin;
 impl Plugin for StayPlugin {
     fn build(&self, app: &mut App) {
         app.init_resource::<StaySettings>()
+            .state::<StayApplier>()
+            .state::<Stays>()
             .add_systems(FixedUpdate, (equip, put_stays).chain().in_set(GestureSystems::Further).run_if(SceneRequirements::instruments));
     }
 }

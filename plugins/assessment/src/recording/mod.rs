@@ -18,8 +18,9 @@
 //! A block is written at least once a second in one go: a file that breaks off anywhere is played up to its last whole block.
 //!
 //! # Seeking
-//! There are no snapshots of states: what a solver takes from one tick to the next to start warm belongs to the state, it is known to the solver's room
-//! alone, and without it the bits differ. To be somewhere in a recording is to play it from its start without drawing.
+//! The file has no snapshots of states: what a solver takes from one tick to the next to start warm belongs to the state, and a second of it is larger than an
+//! hour of inputs. Who plays a recording keeps checkpoints in memory ([`keyhole_whiteboard::Checkpoint`]) and goes on from the last before where it wants to
+//! be; a restart of the scene is a checkpoint that costs nothing.
 
 pub mod digest;
 pub mod error;
@@ -35,7 +36,7 @@ pub use digest::{StateDigest, state_digest};
 pub use error::RecordingError;
 pub use event::{Event, TickInput};
 pub use header::{FORMAT, Header, SceneIdentity};
-pub use player::{Difference, Play};
+pub use player::{Difference, Play, Position};
 pub use plugin::{Player, PlayerSystems, Recorder, RecordingPlugin};
 pub use reader::{BreakOff, Recording};
 pub use writer::RecordingWriter;

@@ -8,11 +8,22 @@ use crate::recording::reader::Recording;
 #[derive(Clone, Debug)]
 pub struct Play {
     recording: Recording,
+    /// Where the scene is started over.
+    restarts: Vec<Position>,
     /// Events that are over.
     next: usize,
     ticks: u64,
     compared: u64,
     difference: Option<Difference>,
+}
+
+/// A place in a recording.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Position {
+    /// Events before it.
+    event: usize,
+    /// Ticks before it.
+    pub ticks: u64,
 }
 
 /// The first tick after which the state was not the one that was recorded.
@@ -26,7 +37,14 @@ impl Play {
     /// A recording from its start.
     #[must_use]
     pub fn new(recording: Recording) -> Self {
-        Self { recording, next: 0, ticks: 0, compared: 0, difference: None }
+        let (mut restarts, mut ticks) = (Vec::new(), 0);
+        for (event, what) in recording.events.iter().enumerate() {
+            match what {
+                Event::Tick { .. } => ticks += 1,
+                Event::Reset { .. } => restarts.push(Position { event, ticks }),
+            }
+        }
+        Self { recording, restarts, next: 0, ticks: 0, compared: 0, difference: None }
     }
 
     /// What is played.
@@ -37,7 +55,31 @@ impl Play {
 
     /// Back to the start. A difference that was found stays.
     pub fn rewind(&mut self) {
-        (self.next, self.ticks) = (0, 0);
+        self.go_to(Position::default());
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn position(&self) -> Position {
+        Position { event: self.next, ticks: self.ticks }
+    }
+
+    /// Goes where it has been, or where [`Play::scene_of`] says that a scene begins. The state is the caller's to put there.
+    pub fn go_to(&mut self, position: Position) {
+        (self.next, self.ticks) = (position.event.min(self.recording.events.len()), position.ticks);
+    }
+
+    /// Where the scene begins that the state after `ticks` ticks is of: at the restart before them, else at the start.
+    #[must_use]
+    pub fn scene_of(&self, ticks: u64) -> Position {
+        let before = self.restarts.partition_point(|restart| restart.ticks < ticks);
+        before.checked_sub(1).map_or_else(Position::default, |i| self.restarts[i])
+    }
+
+    /// Whether a restart of the scene comes next.
+    #[must_use]
+    pub fn comes_restart(&self) -> bool {
+        matches!(self.peek(), Some(Event::Reset { .. }))
     }
 
     /// What comes next; `None` at the end.

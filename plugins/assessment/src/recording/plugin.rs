@@ -96,6 +96,8 @@ fn set_clock(time: &mut Time<Fixed>, clock: u64) {
     let wanted = std::time::Duration::from_nanos((step.as_nanos() as u64).saturating_mul(clock));
     if time.elapsed() != wanted {
         let mut set = Time::<Fixed>::from_duration(step);
+        // A tick is as long as every other.
+        set.advance_to(wanted.saturating_sub(step));
         set.advance_to(wanted);
         set.accumulate_overstep(time.overstep());
         *time = set;

@@ -11,7 +11,7 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::OuterPlanes;
 use keyhole_whiteboard::{
     Anchor, Attachments, Bites, BleedReport, Clip, Contacts, FreedFrom, Gravity, Hand, Instrument, JawPads, Knots, Obstacle, Organ,
-    OrganMaterials, TickCost, TickSystems, TissueMesh, TissueState,
+    OrganMaterials, StateOf, TickCost, TickSystems, TissueMesh, TissueState,
 };
 
 /// Looks a second. What lasts shorter may not be seen.
@@ -28,6 +28,8 @@ impl Plugin for TaskPlugin {
         app.init_resource::<Task>()
             .init_resource::<TaskStatus>()
             .init_resource::<Before>()
+            .state_resource::<TaskStatus>()
+            .state_resource::<Before>()
             .add_systems(FixedPreUpdate, begin.run_if(there_is_one).run_if(|cost: Res<TickCost>| cost.ticks == 0))
             .add_systems(FixedUpdate, judge.in_set(TickSystems::Assess).in_set(JudgeSystems).run_if(there_is_one));
     }
@@ -38,7 +40,7 @@ impl Plugin for TaskPlugin {
 pub struct JudgeSystems;
 
 /// What is kept from look to look.
-#[derive(Resource, Debug, Default)]
+#[derive(Resource, Clone, Debug, Default)]
 struct Before {
     /// The skin of the organs that something is to be cut out of, before anybody touched them.
     skins: Vec<(Entity, OuterPlanes)>,
