@@ -288,3 +288,22 @@ fn a_scrap_falls_freely_beside_what_is_hit() {
     }
     assert!(most > 3.0 * mass * 9.81, "the body is hit: {most} N");
 }
+
+/// A corner that lies up to a hundred edges outside of a cube on the ground is brought back: to the whole it is next to nothing, and to Newton's method stiff in all directions but one.
+#[test]
+fn a_node_that_was_thrown_out_comes_back() {
+    for far in [0.05, 0.5] {
+        let ground = Ground::level(0.3);
+        let mut thing = [Thing::new(1, block([4; 3], [0.02; 3]), 1e4)];
+        thing[0].shift(Vec3::NEG_Y * 1e-4);
+        (0..30).for_each(|_| tick(&mut thing, &[ground], None, GRAVITY, &settings()));
+        let before = thing[0].state.positions.clone();
+        let corner = (0..before.len()).max_by(|a, b| before[*a].element_sum().total_cmp(&before[*b].element_sum())).unwrap();
+        thing[0].state.positions[corner] += Vec3::new(0.8, 0.6, 0.0) * far;
+        tick(&mut thing, &[ground], None, GRAVITY, &settings());
+        let off = |t: &Thing| t.state.positions.iter().zip(&before).map(|(x, b)| x.distance(*b)).fold(0.0, f32::max);
+        assert!(off(&thing[0]) < 0.02, "{} m after one tick, from {far} m", off(&thing[0]));
+        (0..90).for_each(|_| tick(&mut thing, &[ground], None, GRAVITY, &settings()));
+        assert!(off(&thing[0]) < 1e-3, "{} m after a second and a half, from {far} m", off(&thing[0]));
+    }
+}
