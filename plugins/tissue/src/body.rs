@@ -264,12 +264,6 @@ impl Body {
         self.materials.first().map_or(0.0, |(_, density)| (mass / density).cbrt())
     }
 
-    /// About the mean length of its edges, m.
-    pub(crate) fn usual_edge(&self) -> f32 {
-        let (nodes, mass) = self.masses.iter().filter(|m| **m > 0.0).fold((0, 0.0), |(n, sum), m| (n + 1, sum + f64::from(*m)));
-        (self.size(mass) / f64::from(nodes.max(1)).cbrt()) as f32
-    }
-
     fn material(&self, mesh: &TetMesh, tet: TetId) -> (NeoHookean, f64) {
         let id = usize::from(mesh.tet(tet).material.0);
         self.materials[id.min(self.materials.len() - 1)]

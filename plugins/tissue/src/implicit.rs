@@ -26,7 +26,6 @@
 //! the tangent and as many steps of Newton's method as the energy wants: it goes down, whatever the state. A tick that begins with a tangle is left to
 //! [`crate::rescue`].
 
-use crate::adrift::{Adrift, Fall};
 use crate::body::Body;
 use crate::gradients::{Spring, Stop};
 use crate::hold::Hold;
@@ -35,7 +34,6 @@ use crate::membrane::Membrane;
 use crate::newton::{Astray, Care, FRESH, Newton, Part, TANGLED, Tangent, Tissue, Weights, minimise};
 use crate::rescue;
 use crate::settings::{TimeStepping, TissueSettings};
-use crate::touch::Arm;
 use crate::touches::{Grips, Touches};
 use bevy_math::{DMat3, DVec3, Vec3, Vec3A};
 use keyhole_whiteboard::{TissuePoint, TissueState};
@@ -188,22 +186,17 @@ pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings:
 }
 
 fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32, settings: &TissueSettings) {
-    let rescue = |movers: &mut [Mover<'_>], touches: &Touches| {
-        let pushes: Vec<Vec<Hold>> = (0..movers.len()).map(|at| rescue::pushes(touches, at, |of| &*movers[of].state, dt)).collect();
-        for (m, pushes) in movers.iter_mut().zip(pushes) {
-            rescue::step(m.body, m.state, m.holds, &pushes, gravity, dt, settings.drag_1_s);
-            m.solver.past.h = 0.0;
-        }
+    let rescued = |m: &mut Mover<'_>| {
+        rescue::step(m.body, m.state, m.holds, gravity, dt, settings.drag_1_s);
+        m.solver.past.h = 0.0;
     };
     if movers.iter().any(|m| m.solver.astray_s > ASTRAY_S) {
-        rescue(movers, touches);
         for m in movers.iter_mut() {
+            rescued(m);
             (m.solver.careful, m.solver.astray_s) = (1, 0.0);
         }
         return;
     }
-    let fall = Fall { gravity, dt, drag_1_s: settings.drag_1_s };
-    let adrift = adrift(movers, touches, fall);
     let n = settings.substeps.max(1);
     // One job for the pool: every loop within is split among its threads.
     rayon::scope(|_| {
@@ -217,36 +210,17 @@ fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32,
             }
             // Where it would go may be tangled where it is not: then it goes carefully.
             if astray == Astray::Tangled && substep == 0 && movers.iter().any(|m| rescue::is_tangled(m.body, m.state, TANGLED)) {
-                rescue(movers, touches);
+                movers.iter_mut().for_each(rescued);
                 break;
             }
             touches.go_back();
             careful_substep(movers, touches, step, settings);
         }
     });
-    for part in &adrift {
-        let Mover { body, solver, state, .. } = &mut movers[part.body];
-        part.hold_back(body, &solver.newton, state, fall);
-    }
     // With contacts there is care without need.
     for Mover { solver, .. } in movers.iter_mut().filter(|_| touches.is_empty()) {
         solver.astray_s = if solver.careful > 0 { solver.astray_s + dt } else { (solver.astray_s - dt / 2.0).max(0.0) };
     }
-}
-
-/// What is adrift when a tick begins. One body that hangs together and touches nothing is not looked at: it moves as it must.
-fn adrift(movers: &[Mover<'_>], touches: &Touches, fall: Fall) -> Vec<Adrift> {
-    let velocity = |a: &Arm| movers[a.part as usize].state.velocities[a.node as usize].into();
-    let of = |(at, m): (usize, &Mover<'_>)| {
-        let connected = &m.solver.newton.connected;
-        if touches.is_empty() && connected.parts().len() < 2 {
-            return Vec::new();
-        }
-        let mut held: Vec<usize> = m.holds.iter().flat_map(|h| &h.point).filter_map(|(n, _)| connected.of(n.0)).collect();
-        held.sort_unstable();
-        Adrift::see(at, (m.body, &m.solver.newton, &*m.state), |part| held.binary_search(&part).is_ok(), touches, velocity, fall)
-    };
-    movers.iter().enumerate().flat_map(of).collect()
 }
 
 fn substep_of(movers: &mut [Mover<'_>], touches: &mut Touches, step: Step, settings: &TissueSettings) -> Result<(), Astray> {

@@ -9,6 +9,7 @@ use crate::body::Body;
 use crate::hold::Hold;
 use crate::implicit;
 use crate::membrane::Membrane;
+use crate::rescue;
 use crate::settings::TissueSettings;
 use bevy_ecs::prelude::Entity;
 use bevy_math::Vec3;
@@ -33,6 +34,19 @@ pub struct Member<'a> {
 
 /// Steps an island over one tick of `dt` s under gravity (m/s2) by [`crate::implicit`], unless all of it sleeps, and writes the forces at its contacts down.
 pub fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+    // What contacts have torn out of shape, a sliver between two organs or under a tool, comes back to it by itself, and touches nothing in this tick.
+    let (mut count, mut at) = (members.len(), 0);
+    while at < count {
+        let Member { body, state, holds, contacts, .. } = &mut members[at];
+        if !contacts.is_empty() && rescue::is_torn_out_of_shape(body, state) {
+            rescue::step(body, state, holds, gravity, dt, settings.drag_1_s);
+            count -= 1;
+            members.swap(at, count);
+        } else {
+            at += 1;
+        }
+    }
+    let members = &mut members[..count];
     if members.iter_mut().all(|m| m.body.rests(m.state, m.holds, m.contacts, gravity)) {
         members.iter_mut().for_each(|m| m.body.repeat_forces(m.contacts));
         return;

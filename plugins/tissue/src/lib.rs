@@ -1,12 +1,10 @@
 #![doc = include_str!("../README.md")]
 
 pub mod adopt;
-mod adrift;
 pub mod beam;
 pub mod body;
 pub mod clusters;
 pub mod colouring;
-mod connected;
 mod delassus;
 pub mod element;
 pub mod gradients;
@@ -29,7 +27,6 @@ pub mod newton;
 pub mod plugin;
 mod press;
 pub mod reference;
-mod relax;
 pub mod rescue;
 pub mod rows;
 pub mod settings;

@@ -1,15 +1,12 @@
 //! One stage of a time step as a minimum: Newton's method on `M |X - y|^2 w / 2 + E(X)`, the springs and the contacts, by conjugate gradients; of one
 //! body, or of several that touch as one system.
 
-use crate::adrift::settle;
 use crate::body::Body;
 use crate::clusters::Clusters;
-use crate::connected::Connected;
 use crate::element::Element;
 use crate::gradients::{Equation, Gradients, Spring, Stop, System, size};
 use crate::membrane::Membrane;
 use crate::multilevel::{GRAIN, Lever, Multilevel};
-use crate::relax::relax;
 use crate::rows::{CHUNK, Forces, Inertia, Rows};
 use crate::skin;
 use crate::touches::Touches;
@@ -62,9 +59,6 @@ pub(crate) const FRESH: u32 = 4;
 
 /// Multiple of the size of residual at which conjugate gradients stop that a stage may leave: there is hardly more than rounding in it.
 const ROUNDING: f64 = 16.0;
-
-/// How often what is small is looked at after all of them.
-const ROUNDS: u32 = 3;
 
 /// Share of the square of the residual that is too much after all of them.
 const WILD: f64 = 0.5;
@@ -125,7 +119,6 @@ pub(crate) struct Weights {
 pub struct Newton {
     pub(crate) rows: Rows,
     pub(crate) clusters: Clusters,
-    pub(crate) connected: Connected,
     pub(crate) levels: Multilevel,
     pub(crate) gradients: Gradients,
     /// Where the forces are taken: the start, then the solution, m.
@@ -154,7 +147,6 @@ impl Newton {
     pub fn bytes(&self) -> usize {
         self.rows.bytes()
             + self.clusters.bytes()
-            + self.connected.bytes()
             + self.levels.bytes()
             + self.gradients.bytes()
             + 16 * (self.x.capacity() + self.target.capacity() + self.ahead.capacity())
@@ -169,14 +161,6 @@ impl Newton {
         }
         self.rows.rebuild(&mesh.nodes().collect::<Vec<_>>(), mesh, elements);
         self.clusters = Clusters::new(mesh, &self.rows);
-        self.connect(mesh);
-    }
-
-    /// Finds what hangs together.
-    fn connect(&mut self, mesh: &TetMesh) {
-        let mut used = vec![false; mesh.node_slots()];
-        mesh.nodes().for_each(|n| used[n.index()] = true);
-        self.connected = Connected::new(&self.rows, used.len(), |n| used[n]);
     }
 
     /// Carries rows and clusters over a topology change: `mesh` and `elements` are those after it, `touched` the nodes around what changed, ascending.
@@ -186,7 +170,6 @@ impl Newton {
         }
         self.rows.rebuild(touched, mesh, elements);
         self.clusters.adopt(mesh, &self.rows, &delta.nodes, touched);
-        self.connect(mesh);
     }
 
     /// Elastic forces at these positions (m), N.
@@ -444,7 +427,7 @@ pub(crate) fn minimise(
             left += newton.gradients.residual.iter().map(|r| r.as_dvec3()).sum::<DVec3>();
             mass += tissue.body.masses.iter().map(|m| f64::from(*m)).sum::<f64>();
         }
-        let shift = touches.balance(parts, |_| true, left, mass * f64::from(weights.inertia));
+        let shift = touches.balance(parts, left, mass * f64::from(weights.inertia));
         for newton in parts.iter_mut().map(|p| &mut *p.newton) {
             for (x, _) in newton.x.iter_mut().zip(&newton.free).filter(|(_, free)| **free) {
                 *x += shift;
@@ -452,26 +435,7 @@ pub(crate) fn minimise(
         }
         touches.look(parts);
     }
-    if !touches.is_empty() || parts.iter().any(|p| p.newton.connected.parts().len() > 1) {
-        straighten(parts, touches, weights);
-    }
     Ok(())
-}
-
-/// Takes what is small and far from where it belongs there: parts that nothing holds, and single nodes.
-fn straighten(parts: &mut [Part<'_>], touches: &mut Touches, weights: Weights) {
-    touches.let_go();
-    touches.look(parts);
-    for _ in 0..ROUNDS {
-        look(parts, touches, weights);
-        let moved = settle(parts, touches, weights.inertia);
-        if moved > 0 {
-            look(parts, touches, weights);
-        }
-        if relax(parts, touches, weights.inertia) + moved == 0 {
-            break;
-        }
-    }
 }
 
 /// Begins where the bodies' velocities lead, `target`, instead of where they are, if that is lower.

@@ -14,8 +14,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{NodeEdit, NodeId, TopologyDelta};
 use keyhole_whiteboard::tick::running;
 use keyhole_whiteboard::{
-    Anchor, Attachments, Contacts, FragmentDetached, FreedFrom, Gravity, InstrumentPose, Obstacle, OrganMaterials, Rigidified,
-    SceneRequirements, StateOf, TickSystems, TissueMesh, TissueState, TopologyChanged,
+    Anchor, Attachments, Contacts, FragmentDetached, Gravity, InstrumentPose, Obstacle, OrganMaterials, Rigidified, SceneRequirements,
+    StateOf, TickSystems, TissueMesh, TissueState, TopologyChanged,
 };
 use rayon::prelude::*;
 
@@ -35,7 +35,7 @@ impl Plugin for TissuePlugin {
             .add_observer(note_fragment.run_if(SceneRequirements::tissue))
             .add_systems(FixedUpdate, embody.before(TickSystems::Sense).run_if(running).run_if(SceneRequirements::tissue))
             .add_systems(FixedUpdate, (let_go, adopt_changes).chain().in_set(TickSystems::Adopt).run_if(SceneRequirements::tissue))
-            .add_systems(FixedUpdate, (step_organs, leave).chain().in_set(TickSystems::Tissue).run_if(SceneRequirements::tissue));
+            .add_systems(FixedUpdate, step_organs.in_set(TickSystems::Tissue).run_if(SceneRequirements::tissue));
     }
 }
 
@@ -47,12 +47,7 @@ pub struct TissueBody {
     /// What the model keeps.
     pub model: ModelState,
     guard: Guard,
-    /// Whether it has left the theatre, and is no longer stepped.
-    left: bool,
 }
-
-/// How many times the extent of an organ a fragment may be away from every organ: what has fallen so far is out of every view, and would fall for ever.
-const AWAY: f32 = 10.0;
 
 /// On an organ whose state became non-finite: it was put back to its last finite state and is no longer stepped. Written by tissue; who
 /// removes it lets the organ go on.
@@ -79,8 +74,6 @@ pub struct TissueReport {
     pub asleep: u64,
     /// Iterations of the implicit solver, summed over organs and ticks.
     pub iterations: u64,
-    /// Fragments that have left the theatre.
-    pub left: u64,
     /// Organs in quarantine, in the order they went there.
     pub quarantined: Vec<Entity>,
 }
@@ -103,7 +96,7 @@ fn embody(
         let body = Body::new(&mesh.0, materials)?;
         let model = ModelState::new(settings.model, settings.capsule, &body, &mesh.0, materials)?;
         let mut entity = commands.entity(organ);
-        entity.insert(TissueBody { body, model, guard: Guard::default(), left: false });
+        entity.insert(TissueBody { body, model, guard: Guard::default() });
         if state.is_none_or(|s| s.positions.len() != mesh.0.node_slots() || s.velocities.len() != s.positions.len()) {
             entity.insert(TissueState::at_rest(&mesh.0));
         }
@@ -169,7 +162,7 @@ fn adopt_changes(
             for v in &mut state.velocities {
                 *v += adopted.given_back;
             }
-            commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default(), left: false }, state, held));
+            commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default() }, state, held));
         }
     }
     // A fragment whose donor sent nothing this tick: its nodes are still the donor's.
@@ -180,7 +173,7 @@ fn adopt_changes(
         let state = inherit(&donor, &fragment.donor_nodes);
         let body = Body::new(&mesh.0, materials)?;
         let model = donor_body.model.of_piece(&body, &mesh.0, materials)?;
-        commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default(), left: false }, state, held));
+        commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default() }, state, held));
     }
     Ok(())
 }
@@ -231,7 +224,6 @@ fn step_organs(
     }
     let mut jobs: Vec<Job<'_>> = organs
         .iter_mut()
-        .filter(|(_, _, body, ..)| !body.left)
         .map(|(organ, state, body, attachments, contacts)| {
             let holds = resolve(attachments, &tools, &body.body);
             Job { organ, island: organ, state, body, contacts, holds, asleep: false, fault: None }
@@ -256,34 +248,6 @@ fn step_organs(
         report.quarantined.push(*organ);
         commands.entity(*organ).insert(Quarantined { time_s: time.elapsed_secs_f64(), node: *node });
     }
-}
-
-/// Stops fragments that nothing holds and that are far from every organ where they are.
-fn leave(
-    mut fragments: Query<(Entity, &mut TissueState, &mut TissueBody, &Attachments), With<FreedFrom>>,
-    organs: Query<&TissueState, Without<FreedFrom>>,
-    mut report: ResMut<TissueReport>,
-) {
-    if fragments.is_empty() {
-        return;
-    }
-    let boxes: Vec<(Vec3, Vec3)> = organs.iter().filter_map(|state| around(&state.positions)).collect();
-    for (fragment, mut state, mut body, attachments) in &mut fragments {
-        let Some((low, high)) = around(&state.positions).filter(|_| !body.left && attachments.0.is_empty()) else { continue };
-        let is_away = |(l, h): &(Vec3, Vec3)| (low - *h).max(*l - high).max_element() > AWAY * (*h - *l).max_element();
-        if boxes.iter().all(is_away) {
-            tracing::info!("fragment {fragment} has left the theatre; it stays where it is");
-            state.velocities.fill(Vec3::ZERO);
-            body.left = true;
-            report.left += 1;
-        }
-    }
-}
-
-/// The corners of the box around points, m.
-fn around(points: &[Vec3]) -> Option<(Vec3, Vec3)> {
-    let first = *points.first()?;
-    Some(points.iter().fold((first, first), |(low, high), p| (low.min(*p), high.max(*p))))
 }
 
 /// Brings organs that are to be solved together one after the other.

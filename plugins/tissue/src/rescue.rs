@@ -4,15 +4,12 @@
 //! stepped with another energy, which has one minimum and no other equilibrium: `mu V |F - R|^2 / 2` summed over the elements, `R` one rotation for the whole
 //! body. It is quadratic in the positions, so backward Euler is one linear system with a positive matrix, stable for any material and any tick, and what it tends to is
 //! the rest shape, turned. `R` is the rotation of the nodes that are held; where they leave it open, that of the whole body (Horn 1987, "Closed-form solution of
-//! absolute orientation using unit quaternions"). What touches the body holds its points out. As soon as the body is no longer tangled it is stepped as usual.
+//! absolute orientation using unit quaternions"). As soon as the body is no longer tangled it is stepped as usual.
 
 use crate::body::Body;
 use crate::hold::Hold;
 use crate::motion::{drift, driven, mean};
-use crate::touch::{Arm, SLOW_S};
-use crate::touches::Touches;
 use bevy_math::{DMat3, DMat4, DQuat, DVec3, DVec4, Mat3, Vec3};
-use keyhole_tetmesh::NodeId;
 use keyhole_whiteboard::TissueState;
 
 /// Weight of the whole body against that of the held nodes when the rotation is sought.
@@ -25,6 +22,9 @@ const TOLERANCE: f64 = 1e-3;
 /// A hold of several nodes without compliance is a spring this many times as stiff as its nodes.
 const RIGID: f32 = 100.0;
 
+/// Sum of the squares of the stretches of an element that is torn: 3.4 along one axis at the same volume.
+const TORN: f32 = 12.0;
+
 /// Whether more than one in `part` of the elements are inverted.
 #[must_use]
 pub fn is_tangled(body: &Body, state: &TissueState, part: usize) -> bool {
@@ -33,8 +33,19 @@ pub fn is_tangled(body: &Body, state: &TissueState, part: usize) -> bool {
     body.elements().iter().filter(inverted).count() * part > body.elements().len()
 }
 
-/// Steps a tangled body over one tick of `dt` s under gravity (m/s2) with this drag (1/s). What pushes it is as good as a hold in this tick, but for the rotation.
-pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], pushes: &[Hold], gravity: Vec3, dt: f32, drag_1_s: f32) {
+/// Whether more than one in twenty of the elements are stretched to more than about three times their length, which no tissue bears.
+#[must_use]
+pub fn is_torn_out_of_shape(body: &Body, state: &TissueState) -> bool {
+    let stretched = |e: &&crate::element::Element| {
+        let f = e.deformation(e.indices().map(|i| state.positions[i]));
+        f.x_axis.length_squared() + f.y_axis.length_squared() + f.z_axis.length_squared() > TORN
+    };
+    let elements = || body.elements().iter().filter(|e| !e.is_empty());
+    elements().filter(stretched).count() * 20 > elements().count()
+}
+
+/// Steps a tangled body over one tick of `dt` s under gravity (m/s2) with this drag (1/s).
+pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, drag_1_s: f32) {
     let fixed = driven(holds, &state.positions);
     let mut free: Vec<bool> = body.masses().iter().map(|m| *m > 0.0).collect();
     for (i, ..) in &fixed {
@@ -45,8 +56,7 @@ pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], pushes: &[Hold
     for (i, _, to) in &fixed {
         state.positions[*i] = *to;
     }
-    let all: Vec<Hold> = holds.iter().chain(pushes).cloned().collect();
-    let system = System::new(body, &all, free, dt);
+    let system = System::new(body, holds, free, dt);
     let drifting = drift(body.masses(), &state.velocities, holds);
     let decay = (-drag_1_s * dt).exp();
     let mut residual = vec![Vec3::ZERO; before.len()];
@@ -71,36 +81,6 @@ pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], pushes: &[Hold
     let moved = mean(body.masses(), state.positions.iter().zip(&before).map(|(x, b)| (*x - *b) / dt));
     let kept = if holds.is_empty() { moved } else { Vec3::ZERO };
     state.velocities.fill(kept);
-}
-
-/// What the contacts of bodies that are solved together do to body number `at` in a tick of `dt` s that it is rescued in: a point that would be inside at the end of it is held where
-/// it comes to the surface, or as far out as one that begins inside comes, without friction. `state` is that of each of the bodies.
-pub(crate) fn pushes<'a>(touches: &Touches, at: usize, state: impl Fn(usize) -> &'a TissueState, dt: f32) -> Vec<Hold> {
-    let sum = |arms: &[Arm], of: &dyn Fn(&TissueState, usize) -> Vec3| -> Vec3 {
-        arms.iter().map(|a| of(state(a.part as usize), a.node as usize) * a.weight.abs()).sum()
-    };
-    let mut all = Vec::new();
-    for touch in touches.iter() {
-        let (tissue, obstacle): (Vec<Arm>, Vec<Arm>) = touch.arms.iter().partition(|a| a.weight > 0.0);
-        for (own, other, sign) in [(&tissue, &obstacle, 1.0), (&obstacle, &tissue, -1.0)] {
-            if own.is_empty() || own.iter().any(|a| a.part as usize != at) || other.iter().any(|a| a.part as usize == at) {
-                continue;
-            }
-            let velocity = |arms: &[Arm]| sum(arms, &|s, n| s.velocities[n]);
-            let ahead = if other.is_empty() { Vec3::from(touch.velocity) } else { velocity(other) };
-            let (normal, way) = (Vec3::from(touch.normal) * sign, velocity(own) * dt);
-            let inside = (ahead * dt - way).dot(normal) - touch.gap;
-            if inside > 0.0 {
-                let from = sum(own, &|s, n| s.positions[n]);
-                let out = inside - (-touch.gap).max(0.0) * (1.0 - dt / SLOW_S).max(0.0);
-                let point = own.iter().map(|a| (NodeId(a.node), a.weight.abs())).collect();
-                // As stiff as the contact is.
-                let compliance_m_n = touch.spring.recip().max(f32::MIN_POSITIVE);
-                all.push(Hold { point, from, to: from + way + normal * out, compliance_m_n });
-            }
-        }
-    }
-    all
 }
 
 /// Adds to the four nodes of an element what its columns say of nodes 1, 2 and 3; node 0 gets minus their sum.

@@ -27,7 +27,7 @@ use smallvec::SmallVec;
 const FIRM: f32 = 2.0;
 
 /// `T`, s: how slowly a point that is inside comes out. Two ticks: what comes out of 5 mm goes at 0.17 m/s at most.
-pub(crate) const SLOW_S: f32 = 0.03;
+const SLOW_S: f32 = 0.03;
 
 /// Damping by inertia, in multiples of what stops the mass at the point in a stage.
 const STOP: f32 = 4.0;
@@ -169,11 +169,12 @@ impl Touch {
         (f64::from(self.now.force.dot(change)), f64::from((self.now.block * change).dot(change)))
     }
 
-    /// Looks at it where nodes with a weight of `sum` together are `shift` further along than in the last look, which was at `place`: force and how it falls.
-    pub(crate) fn shifted(&self, place: Vec3A, sum: f32, shift: Vec3A) -> (Vec3A, Mat3A) {
+    /// Looks at it where its nodes are `shift` further along than in the last look, which was at `place`: force and how it falls.
+    pub(crate) fn shifted(&self, place: Vec3A, shift: Vec3A) -> (Vec3A, Mat3A) {
+        let sum: f32 = self.arms.iter().map(|a| a.weight).sum();
         let at = place + shift * sum;
         let answer = self.answer(at, self.push_at(at) > 0.0);
-        (answer.force, answer.block)
+        (answer.force * sum, answer.block * (sum * sum))
     }
 
     /// What the force does along the line where `part` of it is gone.
@@ -203,11 +204,6 @@ impl Touch {
             block += slope * (self.spring * ratio * held);
         }
         Answer { force, push, block, touches }
-    }
-
-    /// The most that the force falls with the point anywhere, N/m.
-    pub(crate) fn most_against(&self, place: Vec3A) -> Mat3A {
-        self.answer(place, true).block
     }
 
     /// Vectors the squares of which are together [`Answer::block`], (N/m)^1/2: along the normal, then along the obstacle.

@@ -70,19 +70,12 @@ pub(crate) struct Touches {
     held: Delassus,
     /// Forces and impulses to go back to.
     kept: Vec<(Vec3A, f32, Vec3A)>,
-    /// Those that a balance is about: which, where it is and what weight of it moves.
-    concerned: Vec<(u32, Vec3A, f32)>,
 }
 
 impl Touches {
     /// Whether there are none.
     pub(crate) fn is_empty(&self) -> bool {
         self.list.is_empty()
-    }
-
-    /// All of them.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = &Touch> {
-        self.list.iter()
     }
 
     /// Whether some of them push.
@@ -249,16 +242,6 @@ impl Touches {
         true
     }
 
-    /// Caps friction by the force that there is now where it is capped by more than twice that: what was pressed before and is no more would be thrown by it.
-    pub(crate) fn let_go(&mut self) {
-        for touch in &mut self.list {
-            let push = touch.now.push.max(0.0);
-            if touch.pushed > 2.0 * push {
-                touch.pushed = push;
-            }
-        }
-    }
-
     /// Adds so many times the forces on the nodes that move freely to the residuals.
     pub(crate) fn add_forces(&self, parts: &mut [Part<'_>], times: f32) {
         for touch in self.list.iter().filter(|t| t.now.touches) {
@@ -269,31 +252,6 @@ impl Touches {
                 }
             }
         }
-    }
-
-    /// Which contacts each node takes part in, by body and node, ascending.
-    pub(crate) fn of_nodes(&self) -> Vec<((u32, u32), u32)> {
-        let arms = self.list.iter().enumerate().flat_map(|(at, t)| t.arms.iter().map(move |a| ((a.part, a.node), at as u32)));
-        let mut all: Vec<_> = arms.collect();
-        all.sort_unstable();
-        all.dedup();
-        all
-    }
-
-    /// Force (N) of one of the contacts on a node of a body as it was last looked at, and a bound of how it falls with the place of the node (N/m).
-    pub(crate) fn on_node(&self, contact: u32, (part, node): (u32, u32), parts: &[Part<'_>]) -> (Vec3A, Mat3A) {
-        let touch = &self.list[contact as usize];
-        let weight: f32 = touch.arms.iter().filter(|a| (a.part, a.node) == (part, node)).map(|a| a.weight).sum();
-        let place = place(touch, |a| parts[a.part as usize].newton.x[a.node as usize]);
-        (touch.now.force * weight, touch.most_against(place) * (weight * weight))
-    }
-
-    /// Looks at one of the contacts where the bodies are now; the nodes that take part in it.
-    pub(crate) fn look_at(&mut self, contact: u32, parts: &[Part<'_>]) -> impl Iterator<Item = (u32, u32)> + '_ {
-        let touch = &mut self.list[contact as usize];
-        let place = place(touch, |a| parts[a.part as usize].newton.x[a.node as usize]);
-        touch.look(place);
-        touch.arms.iter().map(|a| (a.part, a.node))
     }
 
     /// Makes the preconditioner one that knows the contacts as they were last looked at.
@@ -332,24 +290,15 @@ impl Touches {
         product
     }
 
-    /// By how much nodes have to move all together for forces and inertia to balance, m: `moves` says which, `left` is what is not balanced (N), `inertia` what
-    /// resists besides (N/m).
-    pub(crate) fn balance(&mut self, parts: &[Part<'_>], moves: impl Fn(&Arm) -> bool, left: DVec3, inertia: f64) -> Vec3A {
+    /// By how much the bodies have to move all together for forces and inertia to balance, m: `left` is what is not balanced (N), `inertia` what resists besides (N/m).
+    pub(crate) fn balance(&self, parts: &[Part<'_>], left: DVec3, inertia: f64) -> Vec3A {
         let places = |t: &Touch| place(t, |a| parts[a.part as usize].newton.x[a.node as usize]);
-        self.concerned.clear();
-        for (at, touch) in self.list.iter().enumerate() {
-            // All weights of one side are one together, or minus one.
-            let sum: f32 = touch.arms.iter().filter(|a| moves(a)).map(|a| a.weight).sum();
-            if sum.abs() > 0.5 {
-                self.concerned.push((at as u32, places(touch), sum));
-            }
-        }
         let sums = |shift: Vec3A| {
-            let of = |(force, slope): (Vec3A, Mat3A), (at, place, sum): &(u32, Vec3A, f32)| {
-                let (f, s) = self.list[*at as usize].shifted(*place, *sum, shift);
-                (force + f * *sum, slope + s * (*sum * *sum))
+            let of = |(force, slope): (Vec3A, Mat3A), t: &Touch| {
+                let (f, s) = t.shifted(places(t), shift);
+                (force + f, slope + s)
             };
-            self.concerned.iter().fold((Vec3A::ZERO, Mat3A::ZERO), of)
+            self.list.iter().filter(|t| !t.joins()).fold((Vec3A::ZERO, Mat3A::ZERO), of)
         };
         let (first, mut slope) = sums(Vec3A::ZERO);
         let mut shift = Vec3A::ZERO;
