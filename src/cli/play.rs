@@ -159,7 +159,9 @@ struct Closing {
     /// On the start screen no tick runs: then after this much time by the clock, s.
     after_s: Option<f64>,
     picture: Option<PathBuf>,
-    /// When the first tick came: before that pipelines are made.
+    /// The tick that is shown first.
+    from_tick: u64,
+    /// When that came: before it pipelines are made, and a replay is on its way there.
     begun: Spent,
 }
 
@@ -221,8 +223,9 @@ fn open(theatre: Theatre, settings: Settings, session: Session) -> Result<(), Fa
         app.insert_resource(Recorder::new(writer));
     }
     if let Some(seconds) = seconds {
-        let after_tick = in_ticks(from_s.unwrap_or(0.0) + seconds);
-        app.insert_resource(Closing { after_tick, after_s: start.then_some(seconds), picture, begun: Spent::default() })
+        let from_s = from_s.unwrap_or(0.0);
+        let (from_tick, after_tick) = (in_ticks(from_s), in_ticks(from_s + seconds));
+        app.insert_resource(Closing { after_tick, after_s: start.then_some(seconds), picture, from_tick, begun: Spent::default() })
             .add_systems(Last, close);
     }
     match app.run() {
@@ -240,7 +243,7 @@ fn close(
     mut exit: MessageWriter<AppExit>,
 ) {
     let now = || Spent { frames: frames.0, time_s: time.elapsed_secs_f64(), processor_s: processor_s() };
-    if cost.ticks == 0 {
+    if cost.ticks <= closing.from_tick {
         closing.begun = now();
     }
     let long_enough = closing.after_s.is_some_and(|s| time.elapsed_secs_f64() >= s);
