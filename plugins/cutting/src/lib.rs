@@ -9,6 +9,7 @@ pub mod fragment;
 mod grid;
 mod kerf;
 pub mod kernel;
+mod lips;
 mod locate;
 pub mod material_map;
 mod meet;

@@ -27,7 +27,7 @@ pub(crate) struct Meeting {
     pub beside: Vec<NodeId>,
 }
 
-/// Base tetrahedra that a line is in, and their nodes.
+/// Base tetrahedra that a line is in, and their nodes with the twins of these.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Occupied {
     pub tets: FxHashSet<TetId>,
@@ -35,7 +35,7 @@ pub(crate) struct Occupied {
 }
 
 impl Occupied {
-    fn insert(&mut self, tet: TetId, corners: [NodeId; 4]) {
+    fn insert(&mut self, tet: TetId, corners: impl IntoIterator<Item = NodeId>) {
         if self.tets.insert(tet) {
             self.nodes.extend(corners);
         }
@@ -169,7 +169,7 @@ impl Cutter {
                     let crossed = !search.hits.is_empty();
                     search.tested.insert(edge, crossed);
                     if crossed {
-                        for t in self.before.around_edge(topology, a, b) {
+                        for t in self.around_twins(mesh, [a, b]) {
                             search.push(t);
                         }
                     }
@@ -183,7 +183,7 @@ impl Cutter {
                     let pierced = meeting.pierce(strip, key, key.nodes().map(|n| mesh.rest(n)), &search.near);
                     search.pierced.insert(key, pierced);
                     if pierced.is_some() {
-                        for other in self.before.around_face(topology, key) {
+                        for other in self.around_twins(mesh, key.nodes()) {
                             search.push(other);
                         }
                     }
@@ -191,11 +191,11 @@ impl Cutter {
                 });
                 meets |= pierced.is_some();
                 if pierced == Some(Pierced::ByLine) {
-                    meeting.occupied.insert(tet, corners);
+                    meeting.occupied.insert(tet, corners.into_iter().flat_map(|n| self.twins(mesh, n)));
                 }
             }
             if strip.now().iter().any(|p| bounds.holds(*p) && contains(points, *p)) {
-                meeting.occupied.insert(tet, corners);
+                meeting.occupied.insert(tet, corners.into_iter().flat_map(|n| self.twins(mesh, n)));
                 meets = true;
             }
             if meets {

@@ -4,6 +4,7 @@ use crate::cutter::Cutter;
 use crate::kernel::{Child, Vertex, subdivide_into};
 use crate::release::{FaceState, split_order, split_rank};
 use crate::separate::hash_of;
+use crate::sheet::weighted;
 use crate::stroke::{CrossingState, FaceWeights, Placed, SplitRank, Touched};
 use keyhole_tetmesh::quality::is_positive;
 use keyhole_tetmesh::{DVec3, EDGES, EdgeKey, FACES, FaceKey, NodeId, NodeWeights, TetId, TetMesh};
@@ -436,8 +437,7 @@ impl Cutter {
 }
 
 fn on_face(mesh: &TetMesh, face: FaceKey, w: FaceWeights) -> DVec3 {
-    let [a, b, c] = face.nodes().map(|n| mesh.rest(n));
-    a * w[0] + b * w[1] + c * w[2]
+    weighted(face.nodes().map(|n| mesh.rest(n)), w)
 }
 
 /// The weights of three points (given as weights themselves) that make `target`; `None` when the three are on a line.

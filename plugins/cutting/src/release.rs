@@ -1,7 +1,7 @@
 //! Release: when a crossing becomes effective, and which faces have a point. The only place where the methods differ.
 
 use crate::cutter::Cutter;
-use crate::sheet::clear_of_border;
+use crate::sheet::{clear_of_border, weighted};
 use crate::stroke::{CrossingState, FaceWeights, SplitRank};
 use keyhole_tetmesh::{EdgeKey, FaceKey, NodeId, TetId, TetMesh};
 use keyhole_whiteboard::{CutMethod, CutPattern};
@@ -75,7 +75,7 @@ impl Cutter {
                 // With snapping the whole neighbourhood of both nodes must be final, for a node decides for all of its edges.
                 !self.is_beside_blade(a) && !self.is_beside_blade(b)
             } else {
-                self.has_left(self.before.around_edge(mesh.topology(), a, b))
+                self.has_left(self.around_twins(mesh, [a, b]))
             }
         });
         self.stroke.unsettled = waiting;
@@ -127,7 +127,7 @@ impl Cutter {
                 if !waiting.is_empty() {
                     return None;
                 }
-                let left = immediate || self.has_left(self.before.around_face(mesh.topology(), face));
+                let left = immediate || self.has_left(self.around_twins(mesh, nodes));
                 left.then(|| self.deepest(mesh, face, *one)).flatten().map(|w| (clear_of_border(w), FaceState::Open))
             }
             ([one, two], []) if self.pattern(face) == CutPattern::Symmetric => {
@@ -151,8 +151,7 @@ impl Cutter {
     /// Squared distance of a point of a face from the crossing on the face's edge `one`, m2.
     fn depth(&self, mesh: &TetMesh, face: FaceKey, one: usize, w: FaceWeights) -> f64 {
         let nodes = face.nodes().map(|n| mesh.rest(n));
-        let at = |w: FaceWeights| nodes[0] * w[0] + nodes[1] * w[1] + nodes[2] * w[2];
-        at(w).distance_squared(at(self.on_edge(face, one)))
+        weighted(nodes, w).distance_squared(weighted(nodes, self.on_edge(face, one)))
     }
 
     /// Notes how far the present line of a blade has come in the faces that the sheet crosses on one edge only.

@@ -2,10 +2,12 @@
 //! and pierces faces.
 //!
 //! Two strips share the line between them point for point, and every decision is an exact sign, taken with the points in an order that
-//! both triangles at a shared edge agree on. So an edge that the sheet crosses is crossed by exactly one triangle of it.
+//! both triangles at a shared edge agree on. So an edge that the sheet crosses is crossed by exactly one triangle of it. Edges and faces are looked at
+//! with their corners in the order of their places, so that those which lie on each other, on the lips of a cut, are met alike to the last bit.
 
 use keyhole_tetmesh::DVec3;
 use smallvec::SmallVec;
+use std::cmp::Ordering;
 
 /// The smallest barycentric weight of a point on a face, and the smallest parameter of a crossing from its end: cut points slide along
 /// the edge that far rather than make a sliver. The same for all methods, so that they end in the same mesh.
@@ -58,6 +60,14 @@ pub struct Hit {
     pub side: i8,
     /// Distances of the two points from the plane of the sheet where it is crossed, m.
     pub away: [f64; 2],
+}
+
+impl Hit {
+    /// The same, from the second point to the first.
+    fn turned(self) -> Self {
+        let [p, q] = self.away;
+        Self { t: 1.0 - self.t, side: -self.side, away: [q, p] }
+    }
 }
 
 /// One step of the sheet: from the line `before` to the line `now`, which have the same number of points, tip first.
@@ -126,14 +136,16 @@ impl Strip {
         self.triangles[triangle].map(|i| self.points[i])
     }
 
-    /// Where the segment from `p` to `q` crosses the given triangles. Give the ends of an edge in the same order each time.
+    /// Where the segment from `p` to `q` crosses the given triangles.
     pub fn crossings(&self, p: DVec3, q: DVec3, triangles: &[usize], hits: &mut Vec<Hit>) {
         let bounds = Aabb::of(&[p, q]);
+        let turned = by_place(&p, &q).is_gt();
+        let [first, second] = if turned { [q, p] } else { [p, q] };
         for &i in triangles {
             if self.boxes[i].overlaps(&bounds)
-                && let Some(hit) = self.crossing(p, q, self.triangles[i])
+                && let Some(hit) = self.crossing(first, second, self.triangles[i])
             {
-                hits.push(hit);
+                hits.push(if turned { hit.turned() } else { hit });
             }
         }
     }
@@ -154,7 +166,7 @@ impl Strip {
         }
         let n = (b - a).cross(c - a);
         let (dp, dq) = (n.dot(p - a).abs(), n.dot(q - a).abs());
-        let t = if dp + dq > 0.0 { dp / (dp + dq) } else { 0.5 };
+        let t = in_steps(if dp + dq > 0.0 { dp / (dp + dq) } else { 0.5 });
         let length = n.length();
         let away = if length > 0.0 { [dp / length, dq / length] } else { [t, 1.0 - t].map(|s| s * p.distance(q)) };
         Some(Hit { t, side: sp, away })
@@ -204,7 +216,9 @@ impl Strip {
 /// Where the segment from `p` to `q` pierces the triangle: barycentric weights of its corners.
 #[must_use]
 pub fn pierce(face: [DVec3; 3], p: DVec3, q: DVec3) -> Option<[f64; 3]> {
-    let [a, b, c] = face;
+    let mut order = [0, 1, 2];
+    order.sort_by(|i, j| by_place(&face[*i], &face[*j]));
+    let [a, b, c] = order.map(|i| face[i]);
     if sign(a, b, c, p) == sign(a, b, c, q) {
         return None;
     }
@@ -213,16 +227,44 @@ pub fn pierce(face: [DVec3; 3], p: DVec3, q: DVec3) -> Option<[f64; 3]> {
     if s[0] != s[1] || s[1] != s[2] {
         return None;
     }
-    let w = [volume(b, c), volume(c, a), volume(a, b)].map(f64::abs);
-    let sum: f64 = w.iter().sum();
+    let mut w = [0.0; 3];
+    for (corner, volume) in order.into_iter().zip([volume(b, c), volume(c, a), volume(a, b)]) {
+        w[corner] = volume.abs();
+    }
+    let sum = sum_of(w);
     (sum > 0.0).then(|| w.map(|x| x / sum))
+}
+
+/// The point of a face with the given weights of its corners.
+#[must_use]
+pub fn weighted(face: [DVec3; 3], w: [f64; 3]) -> DVec3 {
+    let [a, b, c] = [0, 1, 2].map(|i| face[i] * w[i]);
+    DVec3::new(sum_of([a.x, b.x, c.x]), sum_of([a.y, b.y, c.y]), sum_of([a.z, b.z, c.z]))
+}
+
+/// The sum of three numbers, the same in whatever order they are given.
+fn sum_of(mut terms: [f64; 3]) -> f64 {
+    terms.sort_by(f64::total_cmp);
+    terms[0] + terms[1] + terms[2]
+}
+
+/// A parameter in [0, 1] in steps so fine that nothing is lost and `1 - t` is exact: seen from the other end of its edge it is the same point.
+#[must_use]
+pub fn in_steps(t: f64) -> f64 {
+    const STEPS: f64 = (1_u64 << 52) as f64;
+    (t * STEPS).round() / STEPS
+}
+
+/// An order of points that does not depend on what they are called.
+fn by_place(a: &DVec3, b: &DVec3) -> Ordering {
+    a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z))
 }
 
 /// Barycentric weights moved inside by [`CLEARANCE`].
 #[must_use]
 pub fn clear_of_border(w: [f64; 3]) -> [f64; 3] {
     let w = w.map(|x| x.max(CLEARANCE));
-    let sum: f64 = w.iter().sum();
+    let sum = sum_of(w);
     w.map(|x| x / sum)
 }
 

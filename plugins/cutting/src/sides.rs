@@ -9,12 +9,14 @@
 //! A stroke that goes back in its own cut crosses the same edges the other way round: its sides are turned over.
 
 use crate::cutter::Cutter;
+use crate::lips::Twins;
 use crate::meet::Meeting;
 use crate::release;
 use crate::sheet::{CLEARANCE, Hit};
 use crate::stroke::{Crossing, CrossingState};
 use keyhole_tetmesh::{EdgeKey, NodeId, TetId, TetMesh};
 use rustc_hash::FxHashMap;
+use smallvec::SmallVec;
 
 /// The sheet goes through a node of an earlier cut that it passes within this part of the mesh's mean edge.
 pub(crate) const STICK: f64 = 0.1;
@@ -100,7 +102,7 @@ impl Cutter {
             for (node, side) in [(low, hit.side), (high, -hit.side)] {
                 if !self.stroke.on_sheet.contains_key(&node) && !self.stroke.node_sides.contains_key(&node) {
                     self.tell_side(mesh, node, side);
-                    self.stroke.guessed.insert(node);
+                    self.stroke.guessed.extend(self.twins(mesh, node));
                 }
             }
             self.add_crossing(mesh, edge, Crossing::new(hit.t, hit.side, self.clearance(mesh, edge)), affected);
@@ -159,15 +161,20 @@ impl Cutter {
         }
     }
 
-    /// Lets the sheet go through a node, when no edge of it is split yet.
+    /// Lets the sheet go through a node and its twins, when no edge of them is split yet.
     fn stick_node(&mut self, mesh: &TetMesh, node: NodeId, side: i8, affected: &mut Vec<TetId>) {
         if self.stroke.on_sheet.contains_key(&node) {
             return;
         }
-        let neighbours = self.neighbours(mesh, node);
-        if neighbours.iter().all(|n| self.stroke.released(EdgeKey::new(node, *n)).is_none()) {
+        let twins = self.twins(mesh, node);
+        let neighbours: SmallVec<[_; 2]> = twins.iter().map(|n| self.neighbours(mesh, *n)).collect();
+        let is_split = |(n, around): (&NodeId, &SmallVec<_>)| around.iter().any(|o| self.stroke.released(EdgeKey::new(*n, *o)).is_some());
+        if twins.iter().zip(&neighbours).any(is_split) {
+            return;
+        }
+        for (node, neighbours) in twins.into_iter().zip(&neighbours) {
             let side = self.stroke.node_sides.get(&node).copied().unwrap_or(side);
-            self.put_on_sheet(mesh, node, side, &neighbours, affected);
+            self.put_on_sheet(mesh, node, side, neighbours, affected);
         }
     }
 
@@ -209,22 +216,24 @@ impl Cutter {
         affected.extend(self.before.around_edge(mesh.topology(), a, b));
     }
 
-    /// Notes the side of a node, which decides that of the children around it.
+    /// Notes the side of a node and its twins, which decides that of the children around them.
     fn tell_side(&mut self, mesh: &TetMesh, node: NodeId, side: i8) {
-        self.stroke.guessed.remove(&node);
-        if self.stroke.node_sides.insert(node, side) != Some(side) {
-            self.stroke.stale_labels.extend(self.before.around_node(mesh.topology(), node));
+        for node in self.twins(mesh, node) {
+            self.stroke.guessed.remove(&node);
+            if self.stroke.node_sides.insert(node, side) != Some(side) {
+                self.stroke.stale_labels.extend(self.before.around_node(mesh.topology(), node));
+            }
         }
     }
 
     /// Leads the sheet past the nodes that turned out to lie on the other side, once the blade has left them.
     pub(crate) fn lead_past_nodes(&mut self, mesh: &TetMesh, affected: &mut Vec<TetId>) {
-        let mut pending = std::mem::take(&mut self.stroke.led_past);
+        let mut pending: Vec<Twins> = std::mem::take(&mut self.stroke.led_past).into_iter().map(|n| self.twins(mesh, n)).collect();
         pending.sort_unstable();
         pending.dedup();
-        let (left, waiting): (Vec<NodeId>, Vec<NodeId>) = pending.into_iter().partition(|n| !self.is_beside_blade(*n));
-        self.stroke.led_past = waiting;
-        for node in left {
+        let (left, waiting): (Vec<Twins>, Vec<Twins>) = pending.into_iter().partition(|twins| !self.is_beside_blade(twins[0]));
+        self.stroke.led_past.extend(waiting.into_iter().map(|twins| twins[0]));
+        for node in left.into_iter().flatten() {
             let Some(side) = self.stroke.node_sides.get(&node).copied() else { continue };
             if self.stroke.on_sheet.contains_key(&node) {
                 continue;

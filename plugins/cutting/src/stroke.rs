@@ -3,7 +3,7 @@
 use crate::course::Visits;
 use crate::kernel::{Child, Vertex};
 use crate::release::FaceState;
-use crate::sheet::Strip;
+use crate::sheet::{Strip, in_steps};
 use keyhole_tetmesh::{DVec3, EdgeKey, FaceKey, NodeId, Tet, TetId};
 use rustc_hash::{FxHashMap, FxHashSet};
 use smallvec::SmallVec;
@@ -190,6 +190,7 @@ impl Stroke {
 impl Crossing {
     /// A crossing at parameter `t` from the node with the smaller id, which is on side `side`; kept `clearance` from the ends.
     pub fn new(t: f64, side: i8, clearance: f64) -> Self {
+        let clearance = in_steps(clearance);
         Self { t: t.clamp(clearance, 1.0 - clearance), exact: t, side, state: CrossingState::Recorded, settled: false }
     }
 }

@@ -22,7 +22,8 @@ fn cutter(mesh: &TetMesh, method: CutMethod, snap: f64) -> Cutter {
 
 /// Leads a blade (tip and heel, in cubes) from place to place, a fifth of a cube a step, and looks at the mesh after every one.
 fn lead(cutter: &mut Cutter, mesh: &mut TetMesh, places: &[[DVec3; 2]]) -> f64 {
-    let volume = verdict(mesh).volume;
+    let before = verdict(mesh);
+    let volume = before.volume;
     let mut swept = 0.0;
     let mut last = places[0];
     for place in places {
@@ -38,6 +39,7 @@ fn lead(cutter: &mut Cutter, mesh: &mut TetMesh, places: &[[DVec3; 2]]) -> f64 {
             mesh.take_delta();
             let now = verdict(mesh);
             assert!((now.volume - volume).abs() <= 1e-12 * volume, "volume {volume} became {}", now.volume);
+            now.check_lips(before.outer_area);
         }
         last = *place;
     }

@@ -85,7 +85,8 @@ fn a_blade_that_goes_back_and_forth_in_its_cut_cuts_nothing_more() {
 #[test]
 fn a_second_stroke_cuts_the_children_of_the_first() {
     let mut mesh = block([6, 4, 4], H, 0.2);
-    let volume = verdict(&mesh).volume;
+    let before = verdict(&mesh);
+    let volume = before.volume;
     let mut cutter = cutter(&mesh, CutMethod::Hybrid, 0.2);
     sweep(&mut cutter, &mut mesh, &along_x(-0.1, 1.1, -0.2));
     cutter.end_stroke(&mut mesh);
@@ -100,6 +101,7 @@ fn a_second_stroke_cuts_the_children_of_the_first() {
     cutter.end_stroke(&mut mesh);
     let end = verdict(&mesh);
     assert!((end.volume - volume).abs() < 1e-12 * volume);
+    end.check_lips(before.boundary_area);
     assert_eq!(end.fragments, 4, "{:?}", end.volumes);
     let pieces = detach(&mut mesh, &mut cutter, &[]);
     assert_eq!((pieces.len(), verdict(&mesh).fragments), (3, 1));

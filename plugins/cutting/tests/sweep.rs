@@ -33,6 +33,7 @@ fn cut(mesh: &mut TetMesh, method: CutMethod, pattern: CutPattern, snap: f64, pa
         swept += step(&mut cutter, mesh, points).swept_m2;
         let now = verdict(mesh);
         assert!((now.volume - before.volume).abs() <= 1e-12 * before.volume, "volume changed: {} to {}", before.volume, now.volume);
+        now.check_lips(before.outer_area);
         let area = cutter.opened_m2(mesh);
         assert!(
             (now.boundary_area - before.boundary_area - 2.0 * area).abs() < 1e-9 * before.boundary_area,
