@@ -4,7 +4,7 @@
 //! for the other too; else one lip would be split where the other is not, and they would no longer lie on each other node by node.
 
 use crate::cutter::Cutter;
-use keyhole_tetmesh::{NodeId, TetId, TetMesh};
+use keyhole_tetmesh::{FACES, NodeId, TetId, TetMesh};
 use smallvec::{SmallVec, smallvec};
 
 /// The nodes at one place.
@@ -34,5 +34,17 @@ impl Cutter {
             let corners = self.before.corners(topology, *t);
             others[1..].iter().all(|at| at.iter().any(|n| corners.contains(n)))
         })
+    }
+
+    /// Adds the base tetrahedra that lie on these across earlier cuts: what a blade's leaving one of them settles is settled on both lips.
+    pub(crate) fn add_those_across(&self, mesh: &TetMesh, tets: &mut Vec<TetId>) {
+        for i in 0..tets.len() {
+            let Some(corners) = self.before.known_corners(mesh.topology(), tets[i]) else { continue };
+            for face in FACES.map(|f| f.map(|k| corners[k])) {
+                if face.iter().all(|n| self.is_wound_node(*n)) {
+                    tets.extend(self.around_twins(mesh, face));
+                }
+            }
+        }
     }
 }

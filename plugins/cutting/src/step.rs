@@ -102,6 +102,7 @@ impl Cutter {
             [&self.courses[course].front, &meeting.front, &meeting.border].into_iter().flat_map(|f| f.keys().copied()).collect();
         let (was, is) = (&self.courses[course].occupied.tets, &meeting.occupied.tets);
         let mut candidates: Vec<TetId> = was.symmetric_difference(is).copied().collect();
+        self.add_those_across(mesh, &mut candidates);
         self.stick(mesh, &meeting, &mut candidates);
         self.record_hits(mesh, meeting.hits, &mut candidates);
         self.stroke.border.extend(meeting.border);
@@ -164,6 +165,7 @@ impl Cutter {
             self.stroke.border.extend(course.front.drain());
             course.stop();
         }
+        self.add_those_across(mesh, &mut candidates);
         self.lead_past_nodes(mesh, &mut candidates);
         self.settle_and_release(mesh, &mut candidates);
         self.refine(mesh, candidates, &faces);
