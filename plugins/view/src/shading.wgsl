@@ -16,6 +16,12 @@
 
 const PI: f32 = 3.14159265;
 
+// The theatre has one spot light, and of the lamps that a view has the second casts shadows, or none: the renderer puts those that do last. An adapter that
+// is software reads what has a number that is known once, and anything else fragment by fragment; and it works out both sides of a condition, but leaves a
+// loop that no fragment near by is in. Hence numbers in place of indices, and loops in place of conditions.
+const SPOT: u32 = 0u;
+const CASTER: u32 = 1u;
+
 struct Look {
     colour: vec4<f32>,
     glow: vec4<f32>,
@@ -117,26 +123,26 @@ struct Shade {
     layer: i32,
 }
 
-fn spot_direction(id: u32) -> vec3<f32> {
-    let d = clustered_lights.data[id].light_custom_data.xy;
+fn spot_direction() -> vec3<f32> {
+    let d = clustered_lights.data[SPOT].light_custom_data.xy;
     let y = sqrt(max(0.0, 1.0 - dot(d, d)));
-    let down = (clustered_lights.data[id].flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE) != 0u;
+    let down = (clustered_lights.data[SPOT].flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE) != 0u;
     return vec3<f32>(d.x, select(y, -y, down), d.y);
 }
 
-fn spot_shade(id: u32, p: Place) -> Shade {
-    let light = &clustered_lights.data[id];
+fn spot_shade(p: Place) -> Shade {
+    let light = &clustered_lights.data[SPOT];
     let to_light = (*light).position_radius.xyz - p.at;
-    let back = -spot_direction(id);
+    let back = -spot_direction();
     let lifted = (*light).shadow_depth_bias * normalize(to_light) + p.n * (*light).shadow_normal_bias * dot(back, to_light) - to_light;
     let seen = lifted * orthonormalize(back);
     let uv = seen.xy / ((*light).spot_light_tan_angle * -seen.z) * vec2<f32>(0.5, -0.5) + 0.5;
-    return Shade(uv, (*light).shadow_map_near_z / -seen.z, i32(id) + lights.spot_light_shadowmap_offset);
+    return Shade(uv, (*light).shadow_map_near_z / -seen.z, i32(SPOT) + lights.spot_light_shadowmap_offset);
 }
 
 // Lights of the theatre have one cascade.
-fn directional_shade(i: u32, p: Place) -> Shade {
-    let light = &lights.directional_lights[i];
+fn directional_shade(p: Place) -> Shade {
+    let light = &lights.directional_lights[CASTER];
     let lifted = p.at + (*light).shadow_normal_bias * (*light).cascades[0].texel_size * p.n
         + (*light).shadow_depth_bias * (*light).direction_to_light;
     let clip = (*light).cascades[0].clip_from_world * vec4<f32>(lifted, 1.0);
@@ -172,48 +178,60 @@ fn within(s: Shade, part: f32) -> f32 {
     return select(1.0, part, inside);
 }
 
-fn shaded(p: Place, frag: vec4<f32>) -> vec3<f32> {
+// The spot light, where it reaches.
+fn spot_light(p: Place, frag: vec4<f32>) -> vec3<f32> {
+    let light = &clustered_lights.data[SPOT];
+    let to_light = (*light).position_radius.xyz - p.at;
+    let radius = (*light).position_radius.w;
+    let d2 = dot(to_light, to_light);
+    let l = to_light * inverseSqrt(d2);
+    let r = reflect(-p.v, p.n);
+    let to_ray = max(1e-4, dot(to_light, r)) * r - to_light;
+    let mirrored = normalize(to_light + to_ray * saturate(radius * inverseSqrt(dot(to_ray, to_ray))));
+    let range = d2 * (*light).color_inverse_square_range.w;
+    let near = saturate(1.0 - range * range);
+    let cone = saturate(dot(-spot_direction(), l) * (*light).light_custom_data.z + (*light).light_custom_data.w);
+    // Nearer than a centimetre light grows no more.
+    let strength = near * near / max(d2, 1e-4) * cone * cone;
+    let faces = max(dot(p.n, l), dot(p.n, mirrored)) > 0.0;
     let view_z = (view.view_from_world * vec4<f32>(p.at, 1.0)).z;
     let cluster = clustering::view_fragment_cluster_index(frag.xy, view_z, false);
     let ranges = clustering::unpack_clusterable_object_index_ranges(cluster);
-    let first = ranges.first_spot_light_index_offset;
-    let last = ranges.first_reflection_probe_index_offset;
+    let spots = ranges.first_reflection_probe_index_offset - ranges.first_spot_light_index_offset;
     var sum = vec3<f32>(0.0);
-    for (var i = first; i < last; i++) {
-        let id = clustering::get_clusterable_object_id(i);
-        let light = &clustered_lights.data[id];
-        let to_light = (*light).position_radius.xyz - p.at;
-        let radius = (*light).position_radius.w;
-        let d2 = dot(to_light, to_light);
-        let l = to_light * inverseSqrt(d2);
-        let r = reflect(-p.v, p.n);
-        let to_ray = max(1e-4, dot(to_light, r)) * r - to_light;
-        let mirrored = normalize(to_light + to_ray * saturate(radius * inverseSqrt(dot(to_ray, to_ray))));
-        let range = d2 * (*light).color_inverse_square_range.w;
-        let near = saturate(1.0 - range * range);
-        let cone = saturate(dot(-spot_direction(id), l) * (*light).light_custom_data.z + (*light).light_custom_data.w);
-        // Nearer than a centimetre light grows no more.
-        let strength = near * near / max(d2, 1e-4) * cone * cone;
-        let colour = strength * (*light).color_inverse_square_range.rgb;
+    for (var i = 0u; i < select(0u, 1u, faces && strength > 0.0 && spots > 0u); i++) {
         let casts = ((*light).flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
-        let through = select(1.0, spot_lit(spot_shade(id, p)), casts);
-        sum += through * colour * reflected(p, l, mirrored, radius * 0.5 * inverseSqrt(d2), radius * radius / d2);
+        let through = select(1.0, spot_lit(spot_shade(p)), casts);
+        let colour = (through * strength) * (*light).color_inverse_square_range.rgb;
+        sum += colour * reflected(p, l, mirrored, radius * 0.5 * inverseSqrt(d2), radius * radius / d2);
     }
-    // Of the directional lights one casts shadows, or none: one look into its map, however many there are.
-    let lamps = lights.n_directional_lights;
-    var caster = lamps;
-    for (var i = 0u; i < lamps; i++) {
-        caster = select(caster, i, (lights.directional_lights[i].flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u);
+    return sum;
+}
+
+// A lamp that is infinitely far away, where there is one.
+fn lamp_light(p: Place, lamp: u32) -> vec3<f32> {
+    let l = lights.directional_lights[lamp].direction_to_light;
+    let shines = lamp < lights.n_directional_lights && dot(p.n, l) > 0.0;
+    var sum = vec3<f32>(0.0);
+    for (var i = 0u; i < select(0u, 1u, shines); i++) {
+        sum += lights.directional_lights[lamp].color.rgb * reflected(p, l, l, 0.0, 0.0);
     }
-    // In a loop, which is left where there is none; a condition an adapter that is software would not heed.
-    var behind = 1.0;
-    for (var i = caster; i < min(caster + 1u, lamps); i++) {
-        behind = directional_lit(directional_shade(i, p));
+    return sum;
+}
+
+// The part of the lamp's light that comes through.
+fn lamp_through(p: Place) -> f32 {
+    let light = &lights.directional_lights[CASTER];
+    let casts = CASTER < lights.n_directional_lights && ((*light).flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
+    var through = 1.0;
+    for (var i = 0u; i < select(0u, 1u, casts && dot(p.n, (*light).direction_to_light) > 0.0); i++) {
+        through = directional_lit(directional_shade(p));
     }
-    for (var i = 0u; i < lamps; i++) {
-        let l = lights.directional_lights[i].direction_to_light;
-        sum += select(1.0, behind, i == caster) * lights.directional_lights[i].color.rgb * reflected(p, l, l, 0.0, 0.0);
-    }
+    return through;
+}
+
+fn shaded(p: Place, frag: vec4<f32>) -> vec3<f32> {
+    let sum = spot_light(p, frag) + lamp_light(p, 0u) + lamp_light(p, CASTER) * lamp_through(p) + lamp_light(p, 2u);
     let all_round = reflecting(1.0, p.n_v);
     let mirrored = reflecting(look.roughness, p.n_v);
     let open = saturate(dot(p.f0, vec3<f32>(16.5)));
@@ -256,8 +274,8 @@ fn fragment(in: VertexOutput, @builtin(front_facing) front: bool) -> @location(0
     colour = tone_mapping(colour, view.color_grading);
 #ifdef DEBAND_DITHER
     // Even to the eye, not in light.
-    let even = pow(max(colour.rgb, vec3<f32>(0.0)), vec3<f32>(1.0 / 2.2)) + screen_space_dither(in.position.xy);
-    colour = vec4<f32>(pow(max(even, vec3<f32>(0.0)), vec3<f32>(2.2)), colour.a);
+    let even = sqrt(max(colour.rgb, vec3<f32>(0.0))) + screen_space_dither(in.position.xy);
+    colour = vec4<f32>(even * max(even, vec3<f32>(0.0)), colour.a);
 #endif
 #endif
     return colour;
