@@ -21,6 +21,7 @@ pub mod stage;
 pub mod study;
 pub mod task;
 pub mod theatre;
+pub mod window;
 
 pub use simulation::{Output, Settings, simulation};
 pub use theatre::Theatre;

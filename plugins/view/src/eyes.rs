@@ -131,7 +131,8 @@ const STEREO_BASE_M: f32 = 0.0045;
 pub fn spare_software(mut commands: Commands, adapter: Option<Res<RenderAdapterInfo>>, eyes: Query<(Entity, Has<WindowEye>), Added<Eye>>) {
     if adapter.is_some_and(|a| a.device_type == wgpu::DeviceType::Cpu) {
         for (eye, of_window) in &eyes {
-            commands.entity(eye).insert((Msaa::Off, DepthPrepass));
+            commands.entity(eye).insert(Msaa::Off);
+            if std::env::var_os("NOPRE").is_none() { commands.entity(eye).insert(DepthPrepass); }
             if !of_window {
                 commands.entity(eye).insert(Fxaa::default());
             }
