@@ -26,7 +26,10 @@ fn leave_room(mut guide: ResMut<Guide>, eyes: Query<(&Camera, &WindowEye)>) {
 
 /// Cameras of a window that take as many samples draw into one texture. Where that is so and one view is open, the HUD is drawn over it there, and the window is
 /// written once. Otherwise each view is written to its part of the window, and the HUD over all of them.
-fn share_target(mut eyes: Query<(&mut Camera, &Msaa), (With<WindowEye>, Without<HudEye>)>, mut hud: Query<(&mut Camera, &Msaa), With<HudEye>>) {
+fn share_target(
+    mut eyes: Query<(&mut Camera, &Msaa), (With<WindowEye>, Without<HudEye>)>,
+    mut hud: Query<(&mut Camera, &Msaa), With<HudEye>>,
+) {
     let Ok((mut hud, hud_samples)) = hud.single_mut() else { return };
     let open = eyes.iter().filter(|(camera, _)| camera.is_active).count();
     let shared = open == 1 && eyes.iter().all(|(_, samples)| samples == hud_samples);

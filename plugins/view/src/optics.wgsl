@@ -60,25 +60,24 @@ fn fragment(in: FullscreenVertexOutput) -> @location(0) vec4<f32> {
     let from_centre = in.uv * whole - centre;
     let rim = lens.mask_diameter * 0.5 * size.y;
     let r = length(from_centre) / rim;
-    var colour = vec3<f32>(0.0);
-    // In a loop, which is left where there is no picture; a condition an adapter that is software would not heed.
-    for (var i = 0; i < select(0, 1, r < 1.0 + 2.0 / rim); i++) {
-        // The pinhole's rim is the upper edge of its picture.
-        let r2 = r * r;
-        let undistorted = (1.0 + r2 * (lens.k1 + lens.k2 * r2)) / (1.0 + lens.k1 + lens.k2) / lens.mask_diameter;
-        let pixel = centre + from_centre * undistorted;
-        colour = bilinear(pixel, low, high);
-        if lens.fog > 0.0 {
-            colour = fogged(colour, pixel, rim, r, low, high);
-        }
-        colour *= 1.0 - lens.falloff * r2 * r2;
-        colour *= 1.0 - smoothstep(1.0 - 1.5 / rim, 1.0 + 0.5 / rim, r);
-
-        // A small black triangle in the rim.
-        let towards = vec2<f32>(cos(lens.notch_rad), -sin(lens.notch_rad));
-        let along = dot(from_centre, towards) / rim;
-        let across = abs(dot(from_centre, vec2<f32>(-towards.y, towards.x))) / rim;
-        colour *= smoothstep(0.0, 2.0 / rim, across - 0.6 * (along - 0.95));
+    if r >= 1.0 + 2.0 / rim {
+        return vec4<f32>(0.0, 0.0, 0.0, 1.0);
     }
+    // The pinhole's rim is the upper edge of its picture.
+    let r2 = r * r;
+    let undistorted = (1.0 + r2 * (lens.k1 + lens.k2 * r2)) / (1.0 + lens.k1 + lens.k2) / lens.mask_diameter;
+    let pixel = centre + from_centre * undistorted;
+    var colour = bilinear(pixel, low, high);
+    if lens.fog > 0.0 {
+        colour = fogged(colour, pixel, rim, r, low, high);
+    }
+    colour *= 1.0 - lens.falloff * r2 * r2;
+    colour *= 1.0 - smoothstep(1.0 - 1.5 / rim, 1.0 + 0.5 / rim, r);
+
+    // A small black triangle in the rim.
+    let towards = vec2<f32>(cos(lens.notch_rad), -sin(lens.notch_rad));
+    let along = dot(from_centre, towards) / rim;
+    let across = abs(dot(from_centre, vec2<f32>(-towards.y, towards.x))) / rim;
+    colour *= smoothstep(0.0, 2.0 / rim, across - 0.6 * (along - 0.95));
     return vec4<f32>(colour, 1.0);
 }

@@ -1,12 +1,9 @@
 // What everything in the theatre is drawn with. See shading.rs.
 
 #import bevy_pbr::{
-    clustered_forward as clustering,
     forward_io::VertexOutput,
     mesh_view_bindings::{clustered_lights, directional_shadow_textures, lights, view},
-    mesh_view_types::{
-        DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE,
-    },
+    mesh_view_types::POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE,
     shadow_sampling::sample_shadow_map_hardware,
 }
 #import bevy_render::maths::orthonormalize
@@ -16,10 +13,10 @@
 
 const PI: f32 = 3.14159265;
 
-// The theatre has one spot light, and of the lamps that a view has the second casts shadows, or none: the renderer puts those that do last. An adapter that
-// is software reads what has a number that is known once, and anything else fragment by fragment; and it works out both sides of a condition, but leaves a
-// loop that no fragment near by is in. Hence numbers in place of indices, and loops in place of conditions.
-const SPOT: u32 = 0u;
+// What shines in a view is known when its pipeline is made: SPOT where the spot light does, LAMPS is how many lamps there are, and of two the second casts
+// shadows. See Lights in shading.rs. An adapter that is software works out all that is compiled, and throws away what a condition leaves out; and it reads what
+// has a number that is known once, and anything else fragment by fragment.
+const SPOT_LIGHT: u32 = 0u;
 const CASTER: u32 = 1u;
 
 struct Look {
@@ -124,20 +121,20 @@ struct Shade {
 }
 
 fn spot_direction() -> vec3<f32> {
-    let d = clustered_lights.data[SPOT].light_custom_data.xy;
+    let d = clustered_lights.data[SPOT_LIGHT].light_custom_data.xy;
     let y = sqrt(max(0.0, 1.0 - dot(d, d)));
-    let down = (clustered_lights.data[SPOT].flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE) != 0u;
+    let down = (clustered_lights.data[SPOT_LIGHT].flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE) != 0u;
     return vec3<f32>(d.x, select(y, -y, down), d.y);
 }
 
 fn spot_shade(p: Place) -> Shade {
-    let light = &clustered_lights.data[SPOT];
+    let light = &clustered_lights.data[SPOT_LIGHT];
     let to_light = (*light).position_radius.xyz - p.at;
     let back = -spot_direction();
     let lifted = (*light).shadow_depth_bias * normalize(to_light) + p.n * (*light).shadow_normal_bias * dot(back, to_light) - to_light;
     let seen = lifted * orthonormalize(back);
     let uv = seen.xy / ((*light).spot_light_tan_angle * -seen.z) * vec2<f32>(0.5, -0.5) + 0.5;
-    return Shade(uv, (*light).shadow_map_near_z / -seen.z, i32(SPOT) + lights.spot_light_shadowmap_offset);
+    return Shade(uv, (*light).shadow_map_near_z / -seen.z, i32(SPOT_LIGHT) + lights.spot_light_shadowmap_offset);
 }
 
 // Lights of the theatre have one cascade.
@@ -178,9 +175,9 @@ fn within(s: Shade, part: f32) -> f32 {
     return select(1.0, part, inside);
 }
 
-// The spot light, where it reaches.
-fn spot_light(p: Place, frag: vec4<f32>) -> vec3<f32> {
-    let light = &clustered_lights.data[SPOT];
+#ifdef SPOT
+fn spot_light(p: Place) -> vec3<f32> {
+    let light = &clustered_lights.data[SPOT_LIGHT];
     let to_light = (*light).position_radius.xyz - p.at;
     let radius = (*light).position_radius.w;
     let d2 = dot(to_light, to_light);
@@ -193,45 +190,29 @@ fn spot_light(p: Place, frag: vec4<f32>) -> vec3<f32> {
     let cone = saturate(dot(-spot_direction(), l) * (*light).light_custom_data.z + (*light).light_custom_data.w);
     // Nearer than a centimetre light grows no more.
     let strength = near * near / max(d2, 1e-4) * cone * cone;
-    let faces = max(dot(p.n, l), dot(p.n, mirrored)) > 0.0;
-    let view_z = (view.view_from_world * vec4<f32>(p.at, 1.0)).z;
-    let cluster = clustering::view_fragment_cluster_index(frag.xy, view_z, false);
-    let ranges = clustering::unpack_clusterable_object_index_ranges(cluster);
-    let spots = ranges.first_reflection_probe_index_offset - ranges.first_spot_light_index_offset;
-    var sum = vec3<f32>(0.0);
-    for (var i = 0u; i < select(0u, 1u, faces && strength > 0.0 && spots > 0u); i++) {
-        let casts = ((*light).flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
-        let through = select(1.0, spot_lit(spot_shade(p)), casts);
-        let colour = (through * strength) * (*light).color_inverse_square_range.rgb;
-        sum += colour * reflected(p, l, mirrored, radius * 0.5 * inverseSqrt(d2), radius * radius / d2);
-    }
-    return sum;
+    let colour = (spot_lit(spot_shade(p)) * strength) * (*light).color_inverse_square_range.rgb;
+    return colour * reflected(p, l, mirrored, radius * 0.5 * inverseSqrt(d2), radius * radius / d2);
 }
+#endif
 
-// A lamp that is infinitely far away, where there is one.
+#if LAMPS >= 1
 fn lamp_light(p: Place, lamp: u32) -> vec3<f32> {
     let l = lights.directional_lights[lamp].direction_to_light;
-    let shines = lamp < lights.n_directional_lights && dot(p.n, l) > 0.0;
+    return lights.directional_lights[lamp].color.rgb * reflected(p, l, l, 0.0, 0.0);
+}
+#endif
+
+fn shaded(p: Place) -> vec3<f32> {
     var sum = vec3<f32>(0.0);
-    for (var i = 0u; i < select(0u, 1u, shines); i++) {
-        sum += lights.directional_lights[lamp].color.rgb * reflected(p, l, l, 0.0, 0.0);
-    }
-    return sum;
-}
-
-// The part of the lamp's light that comes through.
-fn lamp_through(p: Place) -> f32 {
-    let light = &lights.directional_lights[CASTER];
-    let casts = CASTER < lights.n_directional_lights && ((*light).flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
-    var through = 1.0;
-    for (var i = 0u; i < select(0u, 1u, casts && dot(p.n, (*light).direction_to_light) > 0.0); i++) {
-        through = directional_lit(directional_shade(p));
-    }
-    return through;
-}
-
-fn shaded(p: Place, frag: vec4<f32>) -> vec3<f32> {
-    let sum = spot_light(p, frag) + lamp_light(p, 0u) + lamp_light(p, CASTER) * lamp_through(p) + lamp_light(p, 2u);
+#ifdef SPOT
+    sum += spot_light(p);
+#endif
+#if LAMPS == 2
+    sum += lamp_light(p, 0u) + lamp_light(p, CASTER) * directional_lit(directional_shade(p));
+#endif
+#if LAMPS == 3
+    sum += lamp_light(p, 0u) + lamp_light(p, 1u) + lamp_light(p, 2u);
+#endif
     let all_round = reflecting(1.0, p.n_v);
     let mirrored = reflecting(look.roughness, p.n_v);
     let open = saturate(dot(p.f0, vec3<f32>(16.5)));
@@ -268,7 +249,7 @@ fn fragment(in: VertexOutput, @builtin(front_facing) front: bool) -> @location(0
     p.f0 = mix(vec3<f32>(0.16 * look.reflectance * look.reflectance), colour.rgb, look.metallic);
     let ab = reflecting(look.roughness, p.n_v);
     p.again = 1.0 + p.f0 * (1.0 / (ab.x + ab.y) - 1.0);
-    colour = vec4<f32>(shaded(p, in.position) + look.glow.rgb, colour.a);
+    colour = vec4<f32>(shaded(p) + look.glow.rgb, colour.a);
 #endif
 #ifdef TONEMAP_IN_SHADER
     colour = tone_mapping(colour, view.color_grading);
