@@ -4,6 +4,7 @@ use crate::modules::Module;
 use crate::seek::SeekPlugin;
 use crate::spawn::{cut_settings, reset, spawn};
 use crate::theatre::Theatre;
+use crate::window::WindowSharingPlugin;
 use bevy::app::TaskPoolThreadAssignmentPolicy;
 use bevy::ecs::error::{BevyError, ErrorContext};
 use bevy::log::LogPlugin;
@@ -85,7 +86,7 @@ pub fn simulation_of(theatre: Theatre, settings: Settings, modules: impl IntoIte
         Output::Window => {
             // Where a tick costs more than its time, simulated time lags behind; frames stay short and hands stay in touch.
             app.insert_resource(Time::<Virtual>::from_max_delta(Duration::from_secs_f64(MOST_TICKS_A_FRAME / TICKS_PER_SECOND)))
-                .add_plugins((ViewPlugin::default(), HudPlugin, devices()))
+                .add_plugins((ViewPlugin::default(), HudPlugin, WindowSharingPlugin, devices()))
                 .add_systems(Last, hand_over);
         }
     }

@@ -25,6 +25,8 @@ pub struct Guide {
     pub errors: Vec<(String, String)>,
     /// Whether it is hidden. F3.
     pub hidden: bool,
+    /// How much of the window's lower edge has something else on it, from the right, pixels.
+    pub taken_px: u32,
 }
 
 impl Guide {
@@ -85,9 +87,12 @@ pub fn draw_guide(
     let context = contexts.ctx_mut()?;
     let back = egui::Frame::new().fill(Color32::from_black_alpha(170)).inner_margin(8.0).corner_radius(4.0);
     if !guide.hidden && !start.open {
-        egui::Area::new("guide".into()).anchor(Align2::CENTER_BOTTOM, [0.0, -10.0]).show(context, |ui| {
+        let taken = guide.taken_px as f32 / context.pixels_per_point();
+        let room = context.content_rect().width() - taken - 36.0;
+        egui::Area::new("guide".into()).anchor(Align2::CENTER_BOTTOM, [-0.5 * taken, -10.0]).show(context, |ui| {
+            ui.set_max_width(room);
             back.show(ui, |ui| {
-                ui.horizontal(|ui| {
+                ui.horizontal_wrapped(|ui| {
                     ui.label(RichText::new(clock(guide.time_s)).monospace().size(18.0).color(Color32::WHITE));
                     if let Some(step) = guide.steps.get(guide.step) {
                         let place = format!("{} of {}:", guide.step + 1, guide.steps.len());

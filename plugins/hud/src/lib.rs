@@ -16,7 +16,7 @@ pub mod start;
 pub mod tools;
 
 pub use guide::{Guide, Notices};
-pub use plugin::HudPlugin;
+pub use plugin::{HudEye, HudPlugin, hud_over_others};
 pub use replay::ReplayBar;
 pub use results::{ResultSheet, ResultTable, ResultsScreen};
 pub use start::{SceneCard, StartScreen};

@@ -49,15 +49,24 @@ impl Plugin for HudPlugin {
     }
 }
 
+/// The camera of the HUD.
+#[derive(Component, Clone, Copy, Debug)]
+pub struct HudEye;
+
 /// A camera for the HUD alone, over all others of the window: each of them may have but a part of it.
 fn open_hud_eye(mut commands: Commands, windows: Query<(), With<PrimaryWindow>>) {
     if windows.is_empty() {
         return;
     }
-    let over = CameraOutputMode::Write { blend_state: Some(BlendState::PREMULTIPLIED_ALPHA_BLENDING), clear_color: ClearColorConfig::None };
-    let camera = Camera { order: 100, clear_color: ClearColorConfig::Custom(Color::NONE), output_mode: over, ..default() };
+    let camera = Camera { order: 100, clear_color: ClearColorConfig::Custom(Color::NONE), output_mode: hud_over_others(), ..default() };
     // It sees nothing but the HUD.
-    commands.spawn((Name::new("HUD eye"), Camera2d, camera, Msaa::Off, RenderLayers::none(), PrimaryEguiContext));
+    commands.spawn((Name::new("HUD eye"), HudEye, Camera2d, camera, Msaa::Off, RenderLayers::none(), PrimaryEguiContext));
+}
+
+/// How what the HUD's camera has drawn comes over what the others have.
+#[must_use]
+pub fn hud_over_others() -> CameraOutputMode {
+    CameraOutputMode::Write { blend_state: Some(BlendState::PREMULTIPLIED_ALPHA_BLENDING), clear_color: ClearColorConfig::None }
 }
 
 /// Height of a window in which the HUD has its own size, pixels: in a larger one it is drawn larger, so that it is as readable.

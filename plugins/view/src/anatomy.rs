@@ -8,6 +8,7 @@ use bevy::asset::RenderAssetUsages;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
 use keyhole_whiteboard::{Anatomy, PartMesh};
+use rustc_hash::FxHashMap;
 
 /// Faces that meet at more than this are seen to meet in an edge, rad: 40 degrees.
 const CREASE_RAD: f32 = 0.7;
@@ -39,7 +40,8 @@ pub fn draw_anatomy(
             *place,
             Mesh3d(meshes.add(mesh_of(surface))),
             MeshMaterial3d(materials.add(SceneMaterial {
-                sides: Sides::Both,
+                // Of what is closed the inside is not seen.
+                sides: if is_closed(surface) { Sides::Front } else { Sides::Both },
                 ..SceneMaterial::coated(Look {
                     roughness: 0.6,
                     reflectance: 0.4,
@@ -67,6 +69,20 @@ fn mesh_of(surface: &PartMesh) -> Mesh {
     let normals = creased_normals(surface);
     let indices = (0..corners.len() as u32).collect();
     list(corners, normals, indices)
+}
+
+/// Whether a surface is closed and turned outward: each edge is run through as often one way as the other, and what it encloses is not negative.
+fn is_closed(surface: &PartMesh) -> bool {
+    let mut open: FxHashMap<(u32, u32), i32> = FxHashMap::default();
+    let mut volume = 0.0;
+    let at = |i: u32| Vec3::from_array(surface.vertices[i as usize]).as_dvec3();
+    for t in surface.indices.chunks_exact(3) {
+        for (from, to) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+            *open.entry((from.min(to), from.max(to))).or_default() += if from < to { 1 } else { -1 };
+        }
+        volume += at(t[0]).dot(at(t[1]).cross(at(t[2])));
+    }
+    volume > 0.0 && open.values().all(|ways| *ways == 0)
 }
 
 /// A normal for each corner of each triangle: the mean, by area, of the faces at its vertex that meet the triangle at less than [`CREASE_RAD`].
@@ -131,6 +147,17 @@ mod tests {
             assert!(world.run_system(draw).is_ok());
             assert!(world.resource::<AnatomyBounds>().0.is_some());
         }
+    }
+
+    #[test]
+    fn what_is_closed_is_told_from_what_is_open_or_inside_out() {
+        let vertices = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+        let of = |indices: Vec<u32>| PartMesh { vertices: vertices.clone(), normals: Vec::new(), indices };
+        assert!(is_closed(&of(faces.concat())));
+        assert!(!is_closed(&of(faces[1..].concat())));
+        assert!(!is_closed(&of(faces.map(|[a, b, c]| [a, c, b]).concat())));
+        assert!(!is_closed(&of(Vec::new())));
     }
 
     #[test]

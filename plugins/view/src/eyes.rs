@@ -3,11 +3,13 @@
 use crate::layers;
 use crate::optics::{Lens, eye_pose};
 use crate::orbit::OrbitState;
+use crate::shading::Lights;
 use bevy::anti_alias::fxaa::Fxaa;
 use bevy::camera::Viewport;
 use bevy::camera::visibility::RenderLayers;
 use bevy::core_pipeline::prepass::DepthPrepass;
 use bevy::core_pipeline::tonemapping::Tonemapping;
+use bevy::light::ShadowFilteringMethod;
 use bevy::math::Vec3A;
 use bevy::prelude::*;
 use bevy::render::renderer::RenderAdapterInfo;
@@ -16,7 +18,7 @@ use keyhole_whiteboard::{Endoscope, ScopeOptics, SimulationControl, ViewMode};
 
 /// A camera.
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
-#[require(Camera3d, AmbientLight, RenderLayers, Tonemapping = Tonemapping::AcesFitted)]
+#[require(Camera3d, AmbientLight, RenderLayers, ShadowFilteringMethod, Tonemapping = Tonemapping::AcesFitted)]
 pub struct Eye {
     /// What it shows.
     pub shows: EyeOf,
@@ -243,6 +245,9 @@ pub fn arrange_window(
     }
 }
 
+/// What a camera sees, and what light it sees it in.
+type Light<'a> = (&'a mut RenderLayers, &'a mut AmbientLight, &'a mut ShadowFilteringMethod);
+
 /// Puts every eye where its view is seen from, with that view's lens, layers and surroundings. Without an endoscope the laparoscopic view
 /// is the global one.
 pub fn aim_eyes(
@@ -250,10 +255,10 @@ pub fn aim_eyes(
     orbit: Res<OrbitState>,
     fog: Res<ScopeFog>,
     endoscopes: Query<(&Endoscope, Option<&ScopeOptics>)>,
-    mut eyes: Query<(Entity, &Eye, &mut Transform, &mut Projection, &mut Camera, &mut RenderLayers, &mut AmbientLight, Option<&Lens>)>,
+    mut eyes: Query<(Entity, &Eye, &mut Transform, &mut Projection, &mut Camera, Light<'static>, Option<&Lens>)>,
 ) {
     let endoscope = endoscopes.iter().next();
-    for (entity, eye, mut transform, mut projection, mut camera, mut seen, mut ambient, lens) in &mut eyes {
+    for (entity, eye, mut transform, mut projection, mut camera, (mut seen, mut ambient, mut filter), lens) in &mut eyes {
         match (eye.shows, endoscope) {
             (EyeOf::Scope(of), Some((endoscope, optics))) => {
                 let optics = optics.copied().unwrap_or_default();
@@ -265,6 +270,7 @@ pub fn aim_eyes(
                 camera.clear_color = ClearColorConfig::Custom(Color::BLACK);
                 *seen = RenderLayers::from_layers(&[0]).union(&layers::scope_only());
                 ambient.brightness = 25.0;
+                filter.set_if_neq(Lights::Endoscope.filter());
                 let viewport = camera.viewport.as_ref().map_or(Vec4::ZERO, |v| {
                     let (at, size) = (v.physical_position.as_vec2(), v.physical_size.as_vec2());
                     Vec4::new(at.x, at.y, size.x, size.y)
@@ -286,7 +292,10 @@ pub fn aim_eyes(
                     _ => RenderLayers::from_layers(&[0]).union(&layers::global_only()),
                 };
                 // The colours of a specimen are to be read off it, not its shape.
-                ambient.brightness = if matches!(shows, EyeOf::Specimen(_)) { 1500.0 } else { 130.0 };
+                let (brightness, lights) =
+                    if matches!(shows, EyeOf::Specimen(_)) { (1500.0, Lights::Specimen) } else { (130.0, Lights::Theatre) };
+                ambient.brightness = brightness;
+                filter.set_if_neq(lights.filter());
                 if lens.is_some() {
                     commands.entity(entity).remove::<Lens>();
                 }

@@ -1,15 +1,16 @@
 //! What everything is drawn with: one material, lit by what lights the theatre and by nothing else.
 //!
 //! Bevy's own material asks every fragment for what it might have: textures, transmission, soft shadows of unknown width, area lights, a second cascade. A
-//! software adapter (lavapipe, Mesa 22) does not jump over what is switched off: it works all of it out and throws it away. This one has spot and directional lights
-//! with one shadow map each, the same equations of reflection, and what is not needed is not compiled.
+//! software adapter (lavapipe, Mesa 22) does not jump over what is switched off: it works all of it out and throws it away. This one has the lights of the theatre,
+//! those of each view in pipelines of its own, the same equations of reflection, and what is not needed is not compiled.
 
+use bevy::light::ShadowFilteringMethod;
 use bevy::mesh::MeshVertexBufferLayoutRef;
-use bevy::pbr::{MaterialPipeline, MaterialPipelineKey};
+use bevy::pbr::{MaterialPipeline, MaterialPipelineKey, MeshPipelineKey};
 use bevy::prelude::*;
 use bevy::reflect::TypePath;
 use bevy::render::render_resource::{AsBindGroup, Face, RenderPipelineDescriptor, ShaderType, SpecializedMeshPipelineError};
-use bevy::shader::ShaderRef;
+use bevy::shader::{ShaderDefVal, ShaderRef};
 
 /// How light and a surface meet.
 #[repr(C)]
@@ -39,6 +40,48 @@ pub enum Sides {
     Back,
     /// Both, lit each from its own side.
     Both,
+}
+
+/// Which of the theatre's lights shine in a view, see `theatre.rs`: pipelines are made for each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lights {
+    /// The endoscope's.
+    Endoscope,
+    /// Two lamps, of which one casts shadows, and the endoscope's light.
+    Theatre,
+    /// Three lamps without shadows.
+    Specimen,
+}
+
+impl Lights {
+    /// What a camera of such a view has. Of what a camera has and a material knows, how shadows are filtered is left to the material, which
+    /// filters them as the lights want it.
+    #[must_use]
+    pub fn filter(self) -> ShadowFilteringMethod {
+        match self {
+            Self::Endoscope => ShadowFilteringMethod::Hardware2x2,
+            Self::Theatre => ShadowFilteringMethod::Gaussian,
+            Self::Specimen => ShadowFilteringMethod::Temporal,
+        }
+    }
+
+    fn of(view: MeshPipelineKey) -> Self {
+        match view & MeshPipelineKey::SHADOW_FILTER_METHOD_RESERVED_BITS {
+            MeshPipelineKey::SHADOW_FILTER_METHOD_HARDWARE_2X2 => Self::Endoscope,
+            MeshPipelineKey::SHADOW_FILTER_METHOD_TEMPORAL => Self::Specimen,
+            _ => Self::Theatre,
+        }
+    }
+
+    /// What the shader is told.
+    fn defs(self) -> Vec<ShaderDefVal> {
+        let lamps = |count| ShaderDefVal::UInt("LAMPS".into(), count);
+        match self {
+            Self::Endoscope => vec!["SPOT".into(), lamps(0)],
+            Self::Theatre => vec!["SPOT".into(), lamps(2)],
+            Self::Specimen => vec![lamps(3)],
+        }
+    }
 }
 
 /// The numbers of a material. Colours are linear RGB, and are multiplied by those of the vertices.
@@ -145,6 +188,7 @@ impl Material for SceneMaterial {
         }
         if let Some(fragment) = &mut descriptor.fragment {
             fragment.shader_defs.extend(defs.into_iter().map(Into::into));
+            fragment.shader_defs.extend(Lights::of(key.mesh_key).defs());
         }
         Ok(())
     }

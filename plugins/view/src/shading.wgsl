@@ -1,12 +1,9 @@
 // What everything in the theatre is drawn with. See shading.rs.
 
 #import bevy_pbr::{
-    clustered_forward as clustering,
     forward_io::VertexOutput,
     mesh_view_bindings::{clustered_lights, directional_shadow_textures, lights, view},
-    mesh_view_types::{
-        DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE,
-    },
+    mesh_view_types::POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE,
     shadow_sampling::sample_shadow_map_hardware,
 }
 #import bevy_render::maths::orthonormalize
@@ -15,6 +12,12 @@
 #endif
 
 const PI: f32 = 3.14159265;
+
+// What shines in a view is known when its pipeline is made: SPOT where the spot light does, LAMPS is how many lamps there are, and of two the second casts
+// shadows. See Lights in shading.rs. An adapter that is software works out all that is compiled, and throws away what a condition leaves out; and it reads what
+// has a number that is known once, and anything else fragment by fragment.
+const SPOT_LIGHT: u32 = 0u;
+const CASTER: u32 = 1u;
 
 struct Look {
     colour: vec4<f32>,
@@ -117,26 +120,26 @@ struct Shade {
     layer: i32,
 }
 
-fn spot_direction(id: u32) -> vec3<f32> {
-    let d = clustered_lights.data[id].light_custom_data.xy;
+fn spot_direction() -> vec3<f32> {
+    let d = clustered_lights.data[SPOT_LIGHT].light_custom_data.xy;
     let y = sqrt(max(0.0, 1.0 - dot(d, d)));
-    let down = (clustered_lights.data[id].flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE) != 0u;
+    let down = (clustered_lights.data[SPOT_LIGHT].flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE) != 0u;
     return vec3<f32>(d.x, select(y, -y, down), d.y);
 }
 
-fn spot_shade(id: u32, p: Place) -> Shade {
-    let light = &clustered_lights.data[id];
+fn spot_shade(p: Place) -> Shade {
+    let light = &clustered_lights.data[SPOT_LIGHT];
     let to_light = (*light).position_radius.xyz - p.at;
-    let back = -spot_direction(id);
+    let back = -spot_direction();
     let lifted = (*light).shadow_depth_bias * normalize(to_light) + p.n * (*light).shadow_normal_bias * dot(back, to_light) - to_light;
     let seen = lifted * orthonormalize(back);
     let uv = seen.xy / ((*light).spot_light_tan_angle * -seen.z) * vec2<f32>(0.5, -0.5) + 0.5;
-    return Shade(uv, (*light).shadow_map_near_z / -seen.z, i32(id) + lights.spot_light_shadowmap_offset);
+    return Shade(uv, (*light).shadow_map_near_z / -seen.z, i32(SPOT_LIGHT) + lights.spot_light_shadowmap_offset);
 }
 
 // Lights of the theatre have one cascade.
-fn directional_shade(i: u32, p: Place) -> Shade {
-    let light = &lights.directional_lights[i];
+fn directional_shade(p: Place) -> Shade {
+    let light = &lights.directional_lights[CASTER];
     let lifted = p.at + (*light).shadow_normal_bias * (*light).cascades[0].texel_size * p.n
         + (*light).shadow_depth_bias * (*light).direction_to_light;
     let clip = (*light).cascades[0].clip_from_world * vec4<f32>(lifted, 1.0);
@@ -172,48 +175,44 @@ fn within(s: Shade, part: f32) -> f32 {
     return select(1.0, part, inside);
 }
 
-fn shaded(p: Place, frag: vec4<f32>) -> vec3<f32> {
-    let view_z = (view.view_from_world * vec4<f32>(p.at, 1.0)).z;
-    let cluster = clustering::view_fragment_cluster_index(frag.xy, view_z, false);
-    let ranges = clustering::unpack_clusterable_object_index_ranges(cluster);
-    let first = ranges.first_spot_light_index_offset;
-    let last = ranges.first_reflection_probe_index_offset;
+#ifdef SPOT
+fn spot_light(p: Place) -> vec3<f32> {
+    let light = &clustered_lights.data[SPOT_LIGHT];
+    let to_light = (*light).position_radius.xyz - p.at;
+    let radius = (*light).position_radius.w;
+    let d2 = dot(to_light, to_light);
+    let l = to_light * inverseSqrt(d2);
+    let r = reflect(-p.v, p.n);
+    let to_ray = max(1e-4, dot(to_light, r)) * r - to_light;
+    let mirrored = normalize(to_light + to_ray * saturate(radius * inverseSqrt(dot(to_ray, to_ray))));
+    let range = d2 * (*light).color_inverse_square_range.w;
+    let near = saturate(1.0 - range * range);
+    let cone = saturate(dot(-spot_direction(), l) * (*light).light_custom_data.z + (*light).light_custom_data.w);
+    // Nearer than a centimetre light grows no more.
+    let strength = near * near / max(d2, 1e-4) * cone * cone;
+    let colour = (spot_lit(spot_shade(p)) * strength) * (*light).color_inverse_square_range.rgb;
+    return colour * reflected(p, l, mirrored, radius * 0.5 * inverseSqrt(d2), radius * radius / d2);
+}
+#endif
+
+#if LAMPS >= 1
+fn lamp_light(p: Place, lamp: u32) -> vec3<f32> {
+    let l = lights.directional_lights[lamp].direction_to_light;
+    return lights.directional_lights[lamp].color.rgb * reflected(p, l, l, 0.0, 0.0);
+}
+#endif
+
+fn shaded(p: Place) -> vec3<f32> {
     var sum = vec3<f32>(0.0);
-    for (var i = first; i < last; i++) {
-        let id = clustering::get_clusterable_object_id(i);
-        let light = &clustered_lights.data[id];
-        let to_light = (*light).position_radius.xyz - p.at;
-        let radius = (*light).position_radius.w;
-        let d2 = dot(to_light, to_light);
-        let l = to_light * inverseSqrt(d2);
-        let r = reflect(-p.v, p.n);
-        let to_ray = max(1e-4, dot(to_light, r)) * r - to_light;
-        let mirrored = normalize(to_light + to_ray * saturate(radius * inverseSqrt(dot(to_ray, to_ray))));
-        let range = d2 * (*light).color_inverse_square_range.w;
-        let near = saturate(1.0 - range * range);
-        let cone = saturate(dot(-spot_direction(id), l) * (*light).light_custom_data.z + (*light).light_custom_data.w);
-        // Nearer than a centimetre light grows no more.
-        let strength = near * near / max(d2, 1e-4) * cone * cone;
-        let colour = strength * (*light).color_inverse_square_range.rgb;
-        let casts = ((*light).flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
-        let through = select(1.0, spot_lit(spot_shade(id, p)), casts);
-        sum += through * colour * reflected(p, l, mirrored, radius * 0.5 * inverseSqrt(d2), radius * radius / d2);
-    }
-    // Of the directional lights one casts shadows, or none: one look into its map, however many there are.
-    let lamps = lights.n_directional_lights;
-    var caster = lamps;
-    for (var i = 0u; i < lamps; i++) {
-        caster = select(caster, i, (lights.directional_lights[i].flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u);
-    }
-    // In a loop, which is left where there is none; a condition an adapter that is software would not heed.
-    var behind = 1.0;
-    for (var i = caster; i < min(caster + 1u, lamps); i++) {
-        behind = directional_lit(directional_shade(i, p));
-    }
-    for (var i = 0u; i < lamps; i++) {
-        let l = lights.directional_lights[i].direction_to_light;
-        sum += select(1.0, behind, i == caster) * lights.directional_lights[i].color.rgb * reflected(p, l, l, 0.0, 0.0);
-    }
+#ifdef SPOT
+    sum += spot_light(p);
+#endif
+#if LAMPS == 2
+    sum += lamp_light(p, 0u) + lamp_light(p, CASTER) * directional_lit(directional_shade(p));
+#endif
+#if LAMPS == 3
+    sum += lamp_light(p, 0u) + lamp_light(p, 1u) + lamp_light(p, 2u);
+#endif
     let all_round = reflecting(1.0, p.n_v);
     let mirrored = reflecting(look.roughness, p.n_v);
     let open = saturate(dot(p.f0, vec3<f32>(16.5)));
@@ -250,14 +249,14 @@ fn fragment(in: VertexOutput, @builtin(front_facing) front: bool) -> @location(0
     p.f0 = mix(vec3<f32>(0.16 * look.reflectance * look.reflectance), colour.rgb, look.metallic);
     let ab = reflecting(look.roughness, p.n_v);
     p.again = 1.0 + p.f0 * (1.0 / (ab.x + ab.y) - 1.0);
-    colour = vec4<f32>(shaded(p, in.position) + look.glow.rgb, colour.a);
+    colour = vec4<f32>(shaded(p) + look.glow.rgb, colour.a);
 #endif
 #ifdef TONEMAP_IN_SHADER
     colour = tone_mapping(colour, view.color_grading);
 #ifdef DEBAND_DITHER
     // Even to the eye, not in light.
-    let even = pow(max(colour.rgb, vec3<f32>(0.0)), vec3<f32>(1.0 / 2.2)) + screen_space_dither(in.position.xy);
-    colour = vec4<f32>(pow(max(even, vec3<f32>(0.0)), vec3<f32>(2.2)), colour.a);
+    let even = sqrt(max(colour.rgb, vec3<f32>(0.0))) + screen_space_dither(in.position.xy);
+    colour = vec4<f32>(even * max(even, vec3<f32>(0.0)), colour.a);
 #endif
 #endif
     return colour;

@@ -33,7 +33,7 @@ const LIGHT_BESIDE_LENS: Vec3 = Vec3::new(0.0022, 0.0030, 0.0);
 /// Time in which the automatic gain settles, s.
 const GAIN_TIME_S: f32 = 0.25;
 
-/// Sets the lights and the surroundings up.
+/// Sets the lights and the surroundings up. Which of the lights a view has is compiled into its pipelines, see `shading::Lights`: another light is one there too.
 pub fn furnish(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
