@@ -6,7 +6,7 @@ use crate::convert::{MM, direction_from_parry, from_parry, to_parry};
 use bevy_math::Vec3;
 use keyhole_whiteboard::StaticSurface;
 use parry3d::bounding_volume::Aabb;
-use parry3d::query::PointQueryWithLocation;
+use parry3d::query::{PointQueryWithLocation, Ray, RayCullingMode};
 use parry3d::shape::{TriMesh, TriMeshFlags, TrianglePointLocation};
 use thiserror::Error;
 
@@ -129,5 +129,17 @@ impl SolidSurface {
         // So near that no direction is left, the face tells it.
         let normal = (sign * away).try_normalize().or(face)?;
         Some(Nearest { point: on, normal, distance_m: sign * away.length() })
+    }
+
+    /// Where a point that goes `way` (m) from `point` comes into the surface first, with its distance before that from the plane of the face there.
+    #[must_use]
+    pub fn entered(&self, point: Vec3, way: Vec3) -> Option<Nearest> {
+        if !(point + way).is_finite() {
+            return None;
+        }
+        let ray = Ray::new(to_parry(point), to_parry(way));
+        let hit = self.mesh.cast_local_ray_with_culling(&ray, 1.0, RayCullingMode::IgnoreBackfaces)?;
+        let normal = direction_from_parry(hit.normal).try_normalize()?;
+        Some(Nearest { point: point + way * hit.time_of_impact, normal, distance_m: -(way * hit.time_of_impact).dot(normal) })
     }
 }

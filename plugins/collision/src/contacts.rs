@@ -140,8 +140,8 @@ fn corners_of(p: &Penetration, tets: &Party) -> TissuePoint {
     tets.topology.corners(p.tet).into_iter().zip(p.weights).collect()
 }
 
-/// The contacts of an organ's surface with anatomy: nodes that are inside, or that would get there within the tick of `dt_s` at their velocity. Nodes deeper
-/// than `reach_m` are not found.
+/// The contacts of an organ's surface with anatomy: nodes that are inside, or that would get there within the tick of `dt_s` at their velocity, however fast. Nodes
+/// deeper than `reach_m` are not found.
 pub fn with_anatomy(organ: &Party, anatomy: (Entity, &SolidSurface), friction: f32, reach_m: f32, dt_s: f32, contacts: &mut Vec<Contact>) {
     let (entity, surface) = anatomy;
     for (node, role) in organ.shape.roles().iter().enumerate() {
@@ -149,8 +149,10 @@ pub fn with_anatomy(organ: &Party, anatomy: (Entity, &SolidSurface), friction: f
             continue;
         }
         let (at, velocity) = (organ.positions[node], organ.velocities[node]);
-        let Some(nearest) = surface.nearest(at, reach_m) else { continue };
-        if nearest.distance_m > 0.0 && nearest.distance_m > -velocity.dot(nearest.normal) * dt_s {
+        let way = velocity * dt_s;
+        let ahead = || if way.length() > reach_m { surface.entered(at, way) } else { None };
+        let Some(nearest) = surface.nearest(at, reach_m).or_else(ahead) else { continue };
+        if nearest.distance_m > 0.0 && nearest.distance_m > -way.dot(nearest.normal) {
             continue;
         }
         contacts.push(Contact {

@@ -3,7 +3,7 @@
 //! What is far from all of a patch is far from each of its tetrahedra, so that most of them need no look of their own.
 
 use crate::shape::{Role, Shape};
-use keyhole_tetmesh::{DVec3, NodeId, TetId, TetMesh, TopologyDelta};
+use keyhole_tetmesh::{DVec3, NodeId, TetId, TetMesh, Topology, TopologyDelta};
 
 /// Tetrahedra of a new patch: with 24 the boxes of a block of 20 480 overlapped so much, with 96 a box held so many nodes, that either took longer.
 const SIZE: usize = 48;
@@ -122,24 +122,31 @@ impl Patches {
         patch.nodes.extend(patch.tets.iter().flat_map(|t| topology.corners(*t)));
         patch.nodes.sort_unstable();
         patch.nodes.dedup();
-        let around = patch.nodes.iter().flat_map(|n| topology.around_node(*n)).flat_map(|t| topology.corners(*t));
+        let mut tets = Vec::new();
         patch.near.clear();
-        patch.near.extend(around.filter(|n| shape.role(*n) == Role::Surface));
+        corners_around(&patch.nodes, topology, &mut tets, &mut patch.near, |n| shape.role(n) == Role::Surface);
         let rest = |n: NodeId| mesh.rest(n);
         let (low, high) = patch.nodes.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), n| (l.min(rest(*n)), h.max(rest(*n))));
         let margin = MARGIN * (high - low);
         let within = |n: NodeId| rest(n).cmpge(low - margin).all() && rest(n).cmple(high + margin).all();
         for _ in 0..2 {
-            patch.near.sort_unstable();
-            patch.near.dedup();
-            let further = patch.near.iter().flat_map(|n| topology.around_node(*n)).flat_map(|t| topology.corners(*t));
-            let found: Vec<NodeId> = further.filter(|n| shape.role(*n) == Role::Surface && within(*n)).collect();
-            patch.near.extend(found);
+            let inner = patch.near.clone();
+            corners_around(&inner, topology, &mut tets, &mut patch.near, |n| shape.role(n) == Role::Surface && within(n));
         }
-        patch.near.sort_unstable();
-        patch.near.dedup();
         patch.version = patch.version.wrapping_add(1);
     }
+}
+
+/// Adds the corners of the tetrahedra around nodes that are wanted to a list, which is ascending then and has each once. `tets` is room.
+fn corners_around(nodes: &[NodeId], topology: &Topology, tets: &mut Vec<TetId>, list: &mut Vec<NodeId>, wanted: impl Fn(NodeId) -> bool) {
+    // Each of them once: a node has two dozen around it, and each would be looked at for all of its corners.
+    tets.clear();
+    tets.extend(nodes.iter().flat_map(|n| topology.around_node(*n)));
+    tets.sort_unstable();
+    tets.dedup();
+    list.extend(tets.iter().flat_map(|t| topology.corners(*t)).filter(|n| wanted(*n)));
+    list.sort_unstable();
+    list.dedup();
 }
 
 /// Tetrahedra in Morton's order of their middles at rest, in the box around these.

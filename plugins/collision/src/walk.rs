@@ -27,15 +27,23 @@ pub struct Exit {
     pub normal: Vec3,
 }
 
+/// Tetrahedra of a walk through a mesh of one, and how many times the number along its edge they may be: what cuts have left thin is small.
+const SHORT: usize = 64;
+const LONG: usize = 32;
+
 impl Deformed<'_> {
+    /// Most tetrahedra of a walk: one that does not turn goes straight through the mesh, one among inverted tetrahedra may go round for ever.
+    fn longest(&self) -> usize {
+        SHORT + LONG * (self.topology.len() as f64).cbrt() as usize
+    }
+
     /// Where the line from a point in the tetrahedron `tet` to another point leaves the body first. `None` where it ends inside, or where the walk
     /// comes to a tetrahedron that is flat or goes round in inverted ones.
     #[must_use]
     pub fn exit(&self, tet: TetId, from: Vec3, to: Vec3) -> Option<Exit> {
         let (from, to) = (Vec3A::from(from), Vec3A::from(to));
         let (mut tet, mut came_from) = (tet, None);
-        // A walk that does not turn visits a tetrahedron once.
-        for _ in 0..self.topology.len() {
+        for _ in 0..self.longest() {
             let corners = self.topology.corners(tet);
             let weights = Weights::of(corners.map(|n| self.positions[n.index()].into()))?;
             let (begin, end) = (weights.at(from), weights.at(to));

@@ -128,6 +128,27 @@ fn anatomy_holds_what_is_in_it_or_would_be() {
     assert_eq!([count(0.0), count(1.0), count(-0.05), count(-0.07)], [25, 25, 25, 25 + 16]);
 }
 
+/// A block far above, so fast that it would be through the wall by the end of the tick, finds the upper face; beside the wall it finds nothing.
+#[test]
+fn anatomy_is_found_ahead_of_what_is_fast() {
+    let solid = SolidSurface::new(&cube(true)).unwrap();
+    let found = |aside: f32, speed: f32| {
+        let block = Thing::new(block([4; 3], [0.016; 3]), |p| p + Vec3::new(aside, 0.03, 0.0));
+        let velocities = vec![Vec3::NEG_Y * speed; block.positions.len()];
+        let mut contacts = Vec::new();
+        with_anatomy(&party(&block, &velocities), (entity(), &solid), 0.4, 0.01, DT, &mut contacts);
+        for c in &contacts {
+            let x = point(&block, c);
+            assert!((c.normal - Vec3::Y).length() < 1e-4 && (c.depth_m + x.y).abs() < 1e-6 && c.surface_m.y.abs() < 1e-6, "{c:?} {x}");
+        }
+        contacts.len()
+    };
+    let way = |m: f32| m / DT;
+    // Layers of surface nodes 30, 34, ... 46 mm above the face: 25, 16, 16, 16, 25.
+    assert_eq!([way(0.029), way(0.031), way(0.035), way(0.5)].map(|speed| found(0.0, speed)), [0, 25, 41, 98]);
+    assert_eq!(found(0.3, way(0.5)), 0);
+}
+
 #[test]
 fn a_cavity_is_free_inside_and_solid_outside() {
     let cavity = SolidSurface::new(&cube(false)).unwrap();
