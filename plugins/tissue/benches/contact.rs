@@ -62,8 +62,16 @@ fn run(name: &str, mesh: &TetMesh, holds: &[Hold], mut disc: Option<Disc>, secon
                 disc.middle += disc.normal * (disc.speed * DT);
             }
             let start = Instant::now();
-            let member =
-                Member { organ: Entity::PLACEHOLDER, body: &mut body, membrane: None, state: &mut state, holds, contacts: &mut contacts };
+            let member = Member {
+                organ: Entity::PLACEHOLDER,
+                body: &mut body,
+                membrane: None,
+                state: &mut state,
+                holds,
+                contacts: &mut contacts,
+                light: &mut [],
+                crumb: false,
+            };
             island::step(&mut [member], GRAVITY, DT, &settings);
             let ms = start.elapsed().as_secs_f64() * 1e3;
             (cost, worst) = (cost + ms / 60.0, worst.max(ms));

@@ -151,7 +151,12 @@ impl Body {
         settings: &TissueSettings,
     ) {
         let organ = Entity::PLACEHOLDER;
-        island::step(&mut [Member { organ, body: self, membrane, state, holds, contacts: &mut [] }], gravity, dt, settings);
+        island::step(
+            &mut [Member { organ, body: self, membrane, state, holds, contacts: &mut [], light: &mut [], crumb: false }],
+            gravity,
+            dt,
+            settings,
+        );
     }
 
     /// Whether a step would do nothing: the body has been still for half a second and nothing has changed since.
@@ -262,6 +267,19 @@ impl Body {
     /// A length of the body of this mass (kg): the edge of the cube of its volume, m.
     pub(crate) fn size(&self, mass: f64) -> f64 {
         self.materials.first().map_or(0.0, |(_, density)| (mass / density).cbrt())
+    }
+
+    /// The nodes that there are but for those of crumbs, ascending.
+    pub(crate) fn nodes(&self) -> Vec<u32> {
+        let crumbs = &self.implicit.newton.crumbs;
+        let is = |(n, mass): (usize, &f32)| (*mass > 0.0 && !crumbs.contains(n)).then_some(n as u32);
+        self.masses.iter().enumerate().filter_map(is).collect()
+    }
+
+    /// About the mean length of its edges, m.
+    pub(crate) fn usual_edge(&self) -> f32 {
+        let (nodes, mass) = self.masses.iter().filter(|m| **m > 0.0).fold((0, 0.0), |(n, sum), m| (n + 1, sum + f64::from(*m)));
+        (self.size(mass) / f64::from(nodes.max(1)).cbrt()) as f32
     }
 
     fn material(&self, mesh: &TetMesh, tet: TetId) -> (NeoHookean, f64) {

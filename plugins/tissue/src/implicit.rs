@@ -31,7 +31,7 @@ use crate::gradients::{Spring, Stop};
 use crate::hold::Hold;
 use crate::island::Member;
 use crate::membrane::Membrane;
-use crate::newton::{Astray, Care, FRESH, Newton, Part, TANGLED, Tangent, Tissue, Weights, minimise};
+use crate::newton::{Astray, Care, FRESH, Newton, Part, Tangent, Tissue, Weights, minimise};
 use crate::rescue;
 use crate::settings::{TimeStepping, TissueSettings};
 use crate::touches::{Grips, Touches};
@@ -133,6 +133,11 @@ impl Stage {
 }
 
 impl Implicit {
+    /// Begins anew after a tick in which the body was rescued.
+    pub(crate) fn begin_anew(&mut self) {
+        (self.careful, self.astray_s, self.past.h) = (1, 0.0, 0.0);
+    }
+
     /// Bytes of all arrays.
     #[must_use]
     pub fn bytes(&self) -> usize {
@@ -157,8 +162,8 @@ impl Mover<'_> {
     }
 }
 
-/// Steps bodies that touch, or one that may, over one tick of `dt` s under gravity (m/s2).
-pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &TissueSettings) {
+/// Steps bodies that touch, or one that may, over one tick of `dt` s under gravity (m/s2). Whether it did; if not, nothing has changed, and for some of them [`is_lost`] holds.
+pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &TissueSettings) -> bool {
     let mut touches = members.first_mut().map(|m| std::mem::take(&mut m.body.implicit.touches)).unwrap_or_default();
     touches.gather(members);
     let solvers: SmallVec<[Implicit; 2]> = members.iter_mut().map(|m| std::mem::take(&mut m.body.implicit)).collect();
@@ -174,30 +179,27 @@ pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings:
         solver.starts.extend(member.holds.iter().filter_map(|d| d.fixes().map(|i| (i, member.state.positions[i]))));
         movers.push(Mover { body: member.body, membrane: member.membrane, solver, state: member.state, holds: member.holds });
     }
-    tick(&mut movers, &mut touches, gravity, dt, settings);
+    let all = tick(&mut movers, &mut touches, gravity, dt, settings);
     let solvers: SmallVec<[Implicit; 2]> = movers.into_iter().map(|m| m.solver).collect();
     for (member, solver) in members.iter_mut().zip(solvers) {
         member.body.implicit = solver;
     }
-    touches.write(members, dt);
+    if all {
+        touches.write(members, dt);
+    }
     if let Some(first) = members.first_mut() {
         first.body.implicit.touches = touches;
     }
+    all
 }
 
-fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32, settings: &TissueSettings) {
-    let rescued = |m: &mut Mover<'_>| {
-        rescue::step(m.body, m.state, m.holds, gravity, dt, settings.drag_1_s);
-        m.solver.past.h = 0.0;
-    };
+/// Whether all bodies were stepped; if not, nothing has changed, and for some of them [`is_lost`] holds.
+fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32, settings: &TissueSettings) -> bool {
     if movers.iter().any(|m| m.solver.astray_s > ASTRAY_S) {
-        for m in movers.iter_mut() {
-            rescued(m);
-            (m.solver.careful, m.solver.astray_s) = (1, 0.0);
-        }
-        return;
+        return false;
     }
     let n = settings.substeps.max(1);
+    let mut all = true;
     // One job for the pool: every loop within is split among its threads.
     rayon::scope(|_| {
         for substep in 0..n {
@@ -209,8 +211,8 @@ fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32,
                 m.solver.past.h = 0.0;
             }
             // Where it would go may be tangled where it is not: then it goes carefully.
-            if astray == Astray::Tangled && substep == 0 && movers.iter().any(|m| rescue::is_tangled(m.body, m.state, TANGLED)) {
-                movers.iter_mut().for_each(rescued);
+            if astray == Astray::Tangled && substep == 0 && movers.iter().any(|m| rescue::is_tangled(m.body, m.state)) {
+                all = false;
                 break;
             }
             touches.go_back();
@@ -218,9 +220,15 @@ fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32,
         }
     });
     // With contacts there is care without need.
-    for Mover { solver, .. } in movers.iter_mut().filter(|_| touches.is_empty()) {
+    for Mover { solver, .. } in movers.iter_mut().filter(|_| all && touches.is_empty()) {
         solver.astray_s = if solver.careful > 0 { solver.astray_s + dt } else { (solver.astray_s - dt / 2.0).max(0.0) };
     }
+    all
+}
+
+/// Whether a body cannot be stepped as the others, and has to be rescued.
+pub(crate) fn is_lost(body: &Body, state: &TissueState) -> bool {
+    body.implicit.astray_s > ASTRAY_S || rescue::is_tangled(body, state)
 }
 
 fn substep_of(movers: &mut [Mover<'_>], touches: &mut Touches, step: Step, settings: &TissueSettings) -> Result<(), Astray> {
@@ -436,7 +444,7 @@ impl Implicit {
         newton.drift = (free && touched).then(|| (mean(tissue.body, &self.from).as_dvec3(), drift));
         for i in 0..newton.x.len() {
             let from = self.from[i];
-            newton.free[i] = tissue.body.masses[i] > 0.0;
+            newton.free[i] = tissue.body.masses[i] > 0.0 && !newton.crumbs.contains(i);
             newton.added[i] = tissue.body.masses[i] * inertia;
             newton.target[i] = from + (self.with[i] + fall + drift * stage.drag) * (stage.reach / (1.0 + stage.drag));
             newton.x[i] = from + self.velocity[i] * stage.reach;

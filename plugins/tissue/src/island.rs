@@ -11,6 +11,7 @@ use crate::implicit;
 use crate::membrane::Membrane;
 use crate::rescue;
 use crate::settings::TissueSettings;
+use crate::tumble::{self, Fall};
 use bevy_ecs::prelude::Entity;
 use bevy_math::Vec3;
 use keyhole_whiteboard::{Contact, Obstacle, TissueState};
@@ -30,30 +31,45 @@ pub struct Member<'a> {
     pub holds: &'a [Hold],
     /// What it touches. Contacts with organs that are not members are taken as obstacles that go the way they say.
     pub contacts: &'a mut [Contact],
+    /// Its contacts one side of which is a crumb: those the crumb alone answers.
+    pub light: &'a mut [Contact],
+    /// Whether all of it is a crumb. Then it is the only member.
+    pub crumb: bool,
 }
 
 /// Steps an island over one tick of `dt` s under gravity (m/s2) by [`crate::implicit`], unless all of it sleeps, and writes the forces at its contacts down.
 pub fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &TissueSettings) {
-    // What contacts have torn out of shape, a sliver between two organs or under a tool, comes back to it by itself, and touches nothing in this tick.
-    let (mut count, mut at) = (members.len(), 0);
-    while at < count {
-        let Member { body, state, holds, contacts, .. } = &mut members[at];
-        if !contacts.is_empty() && rescue::is_torn_out_of_shape(body, state) {
-            rescue::step(body, state, holds, gravity, dt, settings.drag_1_s);
-            count -= 1;
-            members.swap(at, count);
-        } else {
-            at += 1;
-        }
+    let fall = Fall { gravity, dt, drag_1_s: settings.drag_1_s };
+    if let [Member { body, state, holds, light, crumb: true, .. }] = members {
+        let nodes = body.nodes();
+        tumble::step(body, &nodes, state, holds, light, fall);
+        return;
     }
-    let members = &mut members[..count];
     if members.iter_mut().all(|m| m.body.rests(m.state, m.holds, m.contacts, gravity)) {
         members.iter_mut().for_each(|m| m.body.repeat_forces(m.contacts));
         return;
     }
     // What sleeps beside what does not is solved with it.
     members.iter_mut().filter(|m| m.body.sleep.bounds().is_some()).for_each(|m| m.body.wake());
-    implicit::step(members, gravity, dt, settings);
+    let mut count = members.len();
+    while count > 0 && !implicit::step(&mut members[..count], gravity, dt, settings) {
+        // What is tangled comes out of it by itself; to the others it is an obstacle in this tick.
+        let mut at = 0;
+        while at < count {
+            if implicit::is_lost(members[at].body, members[at].state) {
+                rescued(&mut members[at], fall);
+                count -= 1;
+                members.swap(at, count);
+            } else {
+                at += 1;
+            }
+        }
+    }
+    for Member { body, state, holds, light, .. } in members.iter_mut() {
+        for nodes in body.implicit.newton.crumbs.all() {
+            tumble::step(body, nodes, state, holds, light, fall);
+        }
+    }
     if !settings.sleep {
         return;
     }
@@ -70,6 +86,18 @@ pub fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &Tissu
             m.body.sleep.begin(m.state, m.holds, gravity);
         }
     }
+}
+
+/// A tick of what is tangled: what is fixed goes to its rest shape by [`crate::rescue`], anything else as a rigid body that knows what it touches.
+fn rescued(member: &mut Member<'_>, fall: Fall) {
+    let Member { body, state, holds, contacts, .. } = member;
+    if holds.iter().any(|hold| hold.fixes().is_some()) {
+        rescue::step(body, state, holds, fall.gravity, fall.dt, fall.drag_1_s);
+    } else {
+        let nodes = body.nodes();
+        tumble::step(body, &nodes, state, holds, contacts, fall);
+    }
+    body.implicit.begin_anew();
 }
 
 fn is_member(members: &[Member<'_>], against: &Obstacle) -> bool {

@@ -184,7 +184,12 @@ impl ModelState {
             (TissueModel::Xpbd(s), _) => xpbd::step_with(s, body, membrane, state, holds, gravity, dt, drag, contacts),
             _ => {
                 let organ = Entity::PLACEHOLDER;
-                island::step(&mut [Member { organ, body, membrane, state, holds, contacts }], gravity, dt, settings);
+                island::step(
+                    &mut [Member { organ, body, membrane, state, holds, contacts, light: &mut [], crumb: false }],
+                    gravity,
+                    dt,
+                    settings,
+                );
             }
         }
     }

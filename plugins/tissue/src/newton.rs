@@ -3,10 +3,12 @@
 
 use crate::body::Body;
 use crate::clusters::Clusters;
+use crate::crumbs::Crumbs;
 use crate::element::Element;
 use crate::gradients::{Equation, Gradients, Spring, Stop, System, size};
 use crate::membrane::Membrane;
 use crate::multilevel::{GRAIN, Lever, Multilevel};
+use crate::relax::relax;
 use crate::rows::{CHUNK, Forces, Inertia, Rows};
 use crate::skin;
 use crate::touches::Touches;
@@ -21,9 +23,15 @@ const HALVINGS: u32 = 10;
 /// Elements whose energy is summed at once.
 const PART: usize = 1024;
 
-/// A body is tangled when more than one in so many of its elements is inverted. A few may be a bridge of tissue about to be cut through, torn out of
+/// A body is tangled when more than one in so many of its elements is inverted, and more than a few or a quarter of all. A few may be a bridge of tissue about to be cut through, torn out of
 /// shape by the weight of what hangs on it.
-pub(crate) const TANGLED: usize = 400;
+const TANGLED: usize = 400;
+const FEW: usize = 16;
+
+/// Whether so many inverted elements make a tangle of a body of so many.
+pub(crate) fn is_tangle(inverted: usize, of: usize) -> bool {
+    inverted * TANGLED > of && (inverted > FEW || inverted * 4 > of)
+}
 
 /// Most steps of Newton's method of a stage that goes as usual. Nearly always one does.
 const USUAL_STEPS: u32 = 4;
@@ -119,6 +127,8 @@ pub(crate) struct Weights {
 pub struct Newton {
     pub(crate) rows: Rows,
     pub(crate) clusters: Clusters,
+    /// What is too small to be solved with the rest.
+    pub(crate) crumbs: Crumbs,
     pub(crate) levels: Multilevel,
     pub(crate) gradients: Gradients,
     /// Where the forces are taken: the start, then the solution, m.
@@ -147,6 +157,7 @@ impl Newton {
     pub fn bytes(&self) -> usize {
         self.rows.bytes()
             + self.clusters.bytes()
+            + self.crumbs.bytes()
             + self.levels.bytes()
             + self.gradients.bytes()
             + 16 * (self.x.capacity() + self.target.capacity() + self.ahead.capacity())
@@ -161,6 +172,7 @@ impl Newton {
         }
         self.rows.rebuild(&mesh.nodes().collect::<Vec<_>>(), mesh, elements);
         self.clusters = Clusters::new(mesh, &self.rows);
+        self.crumbs = Crumbs::new(&self.rows, mesh.node_slots(), &mesh.nodes().collect::<Vec<_>>());
     }
 
     /// Carries rows and clusters over a topology change: `mesh` and `elements` are those after it, `touched` the nodes around what changed, ascending.
@@ -170,6 +182,7 @@ impl Newton {
         }
         self.rows.rebuild(touched, mesh, elements);
         self.clusters.adopt(mesh, &self.rows, &delta.nodes, touched);
+        self.crumbs.adopt(&self.rows, mesh.node_slots(), touched);
     }
 
     /// Elastic forces at these positions (m), N.
@@ -255,7 +268,7 @@ impl Newton {
 
     /// Whether a node of it is fixed.
     fn is_fixed(&self, body: &Body) -> bool {
-        self.free.iter().zip(&body.masses).any(|(free, mass)| !free && *mass > 0.0)
+        self.free.iter().zip(&body.masses).enumerate().any(|(i, (free, mass))| !free && *mass > 0.0 && !self.crumbs.contains(i))
     }
 
     /// Goes a part of the solution.
@@ -328,7 +341,7 @@ pub(crate) fn minimise(
             look(parts, touches, weights);
         } else if stale || touches.is_empty() || round % FRESH == 0 {
             let inverted: usize = parts.iter_mut().map(|p| p.newton.assemble(p.tissue.membrane, convex)).sum();
-            if inverted * TANGLED > elements && care == Care::Usual {
+            if is_tangle(inverted, elements) && care == Care::Usual {
                 return Err(Astray::Tangled);
             }
             parts.iter_mut().for_each(|p| p.newton.prepare(convex));
@@ -434,6 +447,10 @@ pub(crate) fn minimise(
             }
         }
         touches.look(parts);
+    }
+    if !touches.is_empty() {
+        look(parts, touches, weights);
+        relax(parts, touches, weights.inertia);
     }
     Ok(())
 }

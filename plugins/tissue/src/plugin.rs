@@ -2,6 +2,7 @@
 
 use crate::adopt::adopt;
 use crate::body::{Body, Momentum};
+use crate::crumbs::{Light, is_crumb};
 use crate::guard::Guard;
 use crate::hold::Hold;
 use crate::island::{self, Member};
@@ -14,8 +15,8 @@ use bevy_time::{Fixed, Time};
 use keyhole_tetmesh::{NodeEdit, NodeId, TopologyDelta};
 use keyhole_whiteboard::tick::running;
 use keyhole_whiteboard::{
-    Anchor, Attachments, Contacts, FragmentDetached, Gravity, InstrumentPose, Obstacle, OrganMaterials, Rigidified, SceneRequirements,
-    StateOf, TickSystems, TissueMesh, TissueState, TopologyChanged,
+    Anchor, Attachments, Contacts, FragmentDetached, FreedFrom, Gravity, InstrumentPose, Obstacle, OrganMaterials, Rigidified,
+    SceneRequirements, StateOf, TickSystems, TissueMesh, TissueState, TopologyChanged,
 };
 use rayon::prelude::*;
 
@@ -35,7 +36,7 @@ impl Plugin for TissuePlugin {
             .add_observer(note_fragment.run_if(SceneRequirements::tissue))
             .add_systems(FixedUpdate, embody.before(TickSystems::Sense).run_if(running).run_if(SceneRequirements::tissue))
             .add_systems(FixedUpdate, (let_go, adopt_changes).chain().in_set(TickSystems::Adopt).run_if(SceneRequirements::tissue))
-            .add_systems(FixedUpdate, step_organs.in_set(TickSystems::Tissue).run_if(SceneRequirements::tissue));
+            .add_systems(FixedUpdate, (step_organs, leave).chain().in_set(TickSystems::Tissue).run_if(SceneRequirements::tissue));
     }
 }
 
@@ -47,7 +48,14 @@ pub struct TissueBody {
     /// What the model keeps.
     pub model: ModelState,
     guard: Guard,
+    /// Whether all of it is a crumb of the organ that it came from.
+    crumb: bool,
+    /// Whether it has left the theatre, and is no longer stepped.
+    left: bool,
 }
+
+/// How many times the extent of an organ a fragment may be away from every organ: what has fallen so far is out of every view, and would fall for ever.
+const AWAY: f32 = 10.0;
 
 /// On an organ whose state became non-finite: it was put back to its last finite state and is no longer stepped. Written by tissue; who
 /// removes it lets the organ go on.
@@ -74,6 +82,8 @@ pub struct TissueReport {
     pub asleep: u64,
     /// Iterations of the implicit solver, summed over organs and ticks.
     pub iterations: u64,
+    /// Fragments that have left the theatre.
+    pub left: u64,
     /// Organs in quarantine, in the order they went there.
     pub quarantined: Vec<Entity>,
 }
@@ -96,7 +106,7 @@ fn embody(
         let body = Body::new(&mesh.0, materials)?;
         let model = ModelState::new(settings.model, settings.capsule, &body, &mesh.0, materials)?;
         let mut entity = commands.entity(organ);
-        entity.insert(TissueBody { body, model, guard: Guard::default() });
+        entity.insert(TissueBody { body, model, ..TissueBody::default() });
         if state.is_none_or(|s| s.positions.len() != mesh.0.node_slots() || s.velocities.len() != s.positions.len()) {
             entity.insert(TissueState::at_rest(&mesh.0));
         }
@@ -153,16 +163,18 @@ fn adopt_changes(
             }
             departed
         });
-        let TissueBody { body: adopter, model, .. } = &mut *body;
+        let TissueBody { body: adopter, model, crumb: whole_crumb, .. } = &mut *body;
         model.adopt(adopter, &mesh.0, delta);
+        let (whole_crumb, adopter_slots) = (*whole_crumb, adopter.masses().len());
         report.adoptions += 1;
         report.momentum_jump = report.momentum_jump.max(adopted.relative_jump());
         report.momentum_error = report.momentum_error.max(adopted.relative_error());
         for (fragment, held, (body, model), mut state) in pieces {
+            let crumb = is_crumb_of(&body, adopter_slots, whole_crumb, &model);
             for v in &mut state.velocities {
                 *v += adopted.given_back;
             }
-            commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default() }, state, held));
+            commands.entity(fragment.entity).insert((TissueBody { body, model, crumb, ..TissueBody::default() }, state, held));
         }
     }
     // A fragment whose donor sent nothing this tick: its nodes are still the donor's.
@@ -173,9 +185,15 @@ fn adopt_changes(
         let state = inherit(&donor, &fragment.donor_nodes);
         let body = Body::new(&mesh.0, materials)?;
         let model = donor_body.model.of_piece(&body, &mesh.0, materials)?;
-        commands.entity(fragment.entity).insert((TissueBody { body, model, guard: Guard::default() }, state, held));
+        let crumb = is_crumb_of(&body, donor_body.body.masses().len(), donor_body.crumb, &model);
+        commands.entity(fragment.entity).insert((TissueBody { body, model, crumb, ..TissueBody::default() }, state, held));
     }
     Ok(())
+}
+
+/// Whether a piece is a crumb of a donor with so many slots of nodes, which may be one itself.
+fn is_crumb_of(piece: &Body, donor_slots: usize, of_crumb: bool, model: &ModelState) -> bool {
+    model.is_solved_together() && (of_crumb || is_crumb(piece.masses().len(), donor_slots))
 }
 
 /// The state of a fragment whose nodes were these nodes of the donor.
@@ -194,6 +212,8 @@ struct Job<'a> {
     state: Mut<'a, TissueState>,
     body: Mut<'a, TissueBody>,
     contacts: Mut<'a, Contacts>,
+    /// How many of the contacts, the first ones, are with no crumb.
+    firm: usize,
     holds: Vec<Hold>,
     asleep: bool,
     fault: Option<NodeId>,
@@ -224,11 +244,14 @@ fn step_organs(
     }
     let mut jobs: Vec<Job<'_>> = organs
         .iter_mut()
+        .filter(|(_, _, body, ..)| !body.left)
         .map(|(organ, state, body, attachments, contacts)| {
             let holds = resolve(attachments, &tools, &body.body);
-            Job { organ, island: organ, state, body, contacts, holds, asleep: false, fault: None }
+            let firm = contacts.0.len();
+            Job { organ, island: organ, state, body, contacts, firm, holds, asleep: false, fault: None }
         })
         .collect();
+    set_crumbs_apart(&mut jobs);
     join(&mut jobs);
     let islands: Vec<&mut [Job<'_>]> = jobs.chunk_by_mut(|a, b| a.island == b.island).collect();
     islands.into_par_iter().for_each(|island| step_island(island, gravity.0, dt, &settings));
@@ -250,6 +273,50 @@ fn step_organs(
     }
 }
 
+/// Stops fragments that nothing holds and that are far from every organ where they are.
+fn leave(
+    mut fragments: Query<(Entity, &mut TissueState, &mut TissueBody, &Attachments), With<FreedFrom>>,
+    organs: Query<&TissueState, Without<FreedFrom>>,
+    mut report: ResMut<TissueReport>,
+) {
+    if fragments.is_empty() {
+        return;
+    }
+    let boxes: Vec<(Vec3, Vec3)> = organs.iter().filter_map(|state| around(&state.positions)).collect();
+    for (fragment, mut state, mut body, attachments) in &mut fragments {
+        let Some((low, high)) = around(&state.positions).filter(|_| !body.left && attachments.0.is_empty()) else { continue };
+        let is_away = |(l, h): &(Vec3, Vec3)| (low - *h).max(*l - high).max_element() > AWAY * (*h - *l).max_element();
+        if boxes.iter().all(is_away) {
+            tracing::info!("fragment {fragment} has left the theatre; it stays where it is");
+            state.velocities.fill(Vec3::ZERO);
+            body.left = true;
+            report.left += 1;
+        }
+    }
+}
+
+/// The corners of the box around points, m.
+fn around(points: &[Vec3]) -> Option<(Vec3, Vec3)> {
+    let first = *points.first()?;
+    Some(points.iter().fold((first, first), |(low, high), p| (low.min(*p), high.max(*p))))
+}
+
+/// Brings the contacts with crumbs behind the others: what is solved knows nothing of them.
+fn set_crumbs_apart(jobs: &mut [Job<'_>]) {
+    let mut light = Light::default();
+    for job in jobs.iter().filter(|job| job.body.model.is_solved_together()) {
+        light.add(job.organ, job.body.crumb, &job.body.body.implicit.newton.crumbs);
+    }
+    if light.is_empty() {
+        return;
+    }
+    light.sort();
+    for Job { organ, contacts, firm, .. } in jobs {
+        contacts.0.sort_by_key(|c| light.touches(*organ, c));
+        *firm = contacts.0.partition_point(|c| !light.touches(*organ, c));
+    }
+}
+
 /// Brings organs that are to be solved together one after the other.
 fn join(jobs: &mut [Job<'_>]) {
     jobs.sort_unstable_by_key(|job| job.organ);
@@ -261,7 +328,7 @@ fn join(jobs: &mut [Job<'_>]) {
         at
     };
     for (at, job) in jobs.iter().enumerate().filter(|(_, job)| job.body.model.is_solved_together()) {
-        for contact in &job.contacts.0 {
+        for contact in &job.contacts.0[..job.firm] {
             let Obstacle::Organ { organ, .. } = &contact.against else { continue };
             let Ok(other) = jobs.binary_search_by_key(organ, |job| job.organ) else { continue };
             if jobs[other].body.model.is_solved_together() {
@@ -281,7 +348,7 @@ fn join(jobs: &mut [Job<'_>]) {
 fn step_island(jobs: &mut [Job<'_>], gravity: Vec3, dt: f32, settings: &TissueSettings) {
     let rests = |job: &mut Job<'_>| {
         let body = &mut job.body.bypass_change_detection().body;
-        body.rests(&job.state, &job.holds, &job.contacts.0, gravity)
+        body.rests(&job.state, &job.holds, &job.contacts.0[..job.firm], gravity)
     };
     if jobs.iter_mut().all(rests) {
         for Job { body, contacts, asleep, .. } in jobs.iter_mut() {
@@ -297,11 +364,12 @@ fn step_island(jobs: &mut [Job<'_>], gravity: Vec3, dt: f32, settings: &TissueSe
         *fault = body.guard.check(state);
     }
     let mut members: Vec<Member<'_>> = Vec::new();
-    for Job { organ, state, body, contacts, holds, .. } in jobs.iter_mut().filter(|job| job.fault.is_none()) {
-        let TissueBody { body, model, .. } = &mut **body;
+    for Job { organ, state, body, contacts, holds, firm, .. } in jobs.iter_mut().filter(|job| job.fault.is_none()) {
+        let TissueBody { body, model, crumb, .. } = &mut **body;
         if model.is_solved_together() {
             let membrane = model.membrane();
-            members.push(Member { organ: *organ, body, membrane, state, holds, contacts: &mut contacts.0 });
+            let (contacts, light) = contacts.0.split_at_mut(*firm);
+            members.push(Member { organ: *organ, body, membrane, state, holds, contacts, light, crumb: *crumb });
         } else {
             model.step_touching(body, state, holds, &mut contacts.0, gravity, dt, settings);
         }

@@ -9,6 +9,7 @@
 use crate::body::Body;
 use crate::hold::Hold;
 use crate::motion::{drift, driven, mean};
+use crate::newton::is_tangle;
 use bevy_math::{DMat3, DMat4, DQuat, DVec3, DVec4, Mat3, Vec3};
 use keyhole_whiteboard::TissueState;
 
@@ -22,32 +23,19 @@ const TOLERANCE: f64 = 1e-3;
 /// A hold of several nodes without compliance is a spring this many times as stiff as its nodes.
 const RIGID: f32 = 100.0;
 
-/// Sum of the squares of the stretches of an element that is torn: 3.4 along one axis at the same volume.
-const TORN: f32 = 12.0;
-
-/// Whether more than one in `part` of the elements are inverted.
+/// Whether too many of the elements are inverted.
 #[must_use]
-pub fn is_tangled(body: &Body, state: &TissueState, part: usize) -> bool {
+pub fn is_tangled(body: &Body, state: &TissueState) -> bool {
     let inverted =
         |e: &&crate::element::Element| !e.is_empty() && e.deformation(e.indices().map(|i| state.positions[i])).determinant() <= 0.0;
-    body.elements().iter().filter(inverted).count() * part > body.elements().len()
-}
-
-/// Whether more than one in twenty of the elements are stretched to more than about three times their length, which no tissue bears.
-#[must_use]
-pub fn is_torn_out_of_shape(body: &Body, state: &TissueState) -> bool {
-    let stretched = |e: &&crate::element::Element| {
-        let f = e.deformation(e.indices().map(|i| state.positions[i]));
-        f.x_axis.length_squared() + f.y_axis.length_squared() + f.z_axis.length_squared() > TORN
-    };
-    let elements = || body.elements().iter().filter(|e| !e.is_empty());
-    elements().filter(stretched).count() * 20 > elements().count()
+    is_tangle(body.elements().iter().filter(inverted).count(), body.elements().len())
 }
 
 /// Steps a tangled body over one tick of `dt` s under gravity (m/s2) with this drag (1/s).
-pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, drag_1_s: f32) {
+pub(crate) fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3, dt: f32, drag_1_s: f32) {
+    let crumbs = &body.implicit.newton.crumbs;
     let fixed = driven(holds, &state.positions);
-    let mut free: Vec<bool> = body.masses().iter().map(|m| *m > 0.0).collect();
+    let mut free: Vec<bool> = body.masses().iter().enumerate().map(|(i, m)| *m > 0.0 && !crumbs.contains(i)).collect();
     for (i, ..) in &fixed {
         free[*i] = false;
     }
@@ -80,7 +68,9 @@ pub fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity: Vec3,
     // What it did in its plight is forgotten, but where it went as a whole: else stiff tissue is no sooner untangled than its speed tangles it again.
     let moved = mean(body.masses(), state.positions.iter().zip(&before).map(|(x, b)| (*x - *b) / dt));
     let kept = if holds.is_empty() { moved } else { Vec3::ZERO };
-    state.velocities.fill(kept);
+    for (_, v) in state.velocities.iter_mut().enumerate().filter(|(i, _)| !crumbs.contains(*i)) {
+        *v = kept;
+    }
 }
 
 /// Adds to the four nodes of an element what its columns say of nodes 1, 2 and 3; node 0 gets minus their sum.
@@ -202,7 +192,7 @@ fn rotation(body: &Body, state: &TissueState, fixed: &[(usize, Vec3, Vec3)]) -> 
 }
 
 /// Sum of `m (x - mean) (X - mean)'` over points of mass `m`, rest place `X` and place `x`.
-fn covariance(points: &[(f64, DVec3, DVec3)]) -> DMat3 {
+pub(crate) fn covariance(points: &[(f64, DVec3, DVec3)]) -> DMat3 {
     let mass: f64 = points.iter().map(|p| p.0).sum();
     if mass <= 0.0 {
         return DMat3::ZERO;
@@ -217,7 +207,7 @@ fn covariance(points: &[(f64, DVec3, DVec3)]) -> DMat3 {
 }
 
 /// The rotation `R` with the largest trace of `R' A`; none where `A` says nothing.
-fn turn(a: DMat3) -> DQuat {
+pub(crate) fn turn(a: DMat3) -> DQuat {
     let [[xx, yx, zx], [xy, yy, zy], [xz, yz, zz]] = a.to_cols_array_2d();
     // Horn's matrix for quaternions in the order x, y, z, w; shifted so that its largest eigenvalue is that of largest size.
     let horn = DMat4::from_cols(

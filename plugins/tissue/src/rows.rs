@@ -16,7 +16,7 @@
 //! chunks of [`CHUNK`] nodes that own their arrays: a topology change rebuilds the rows of the nodes it touched and moves those beside them.
 
 use crate::element::Element;
-use bevy_math::{Mat3A, Vec3A, Vec4};
+use bevy_math::{Mat3A, Vec3, Vec3A, Vec4};
 use keyhole_tetmesh::{NodeId, TetId, TetMesh};
 use rayon::prelude::*;
 
@@ -137,9 +137,31 @@ impl Rows {
     /// About what a node resists with when its neighbours stay, N/m.
     pub(crate) fn stiffness(&self, node: usize) -> f32 {
         let chunk = &self.chunks[node / CHUNK];
-        let shear: f32 = chunk.laplacian[chunk.row(node % CHUNK)].iter().map(|l| -l).sum();
         let ratio = chunk.corners(node % CHUNK).iter().map(|c| &self.volumetric[c.tet as usize]).map(|v| v.stiffness * v.target / v.mu);
-        shear * ratio.fold(0.0, f32::max)
+        self.shear(node) * ratio.fold(0.0, f32::max)
+    }
+
+    /// What the shear modulus of the elements around a node resists with in any direction, N/m.
+    pub(crate) fn shear(&self, node: usize) -> f32 {
+        let chunk = &self.chunks[node / CHUNK];
+        chunk.laplacian[chunk.row(node % CHUNK)].iter().map(|l| -l).sum()
+    }
+
+    /// Elastic force on a node at positions `x` (m), N, and how it falls with the place of the node alone, N/m: exact, for energy is quadratic in one node.
+    pub(crate) fn node(&self, node: usize, x: &[Vec3A]) -> (Vec3A, Mat3A) {
+        let (chunk, at) = (&self.chunks[node / CHUNK], node % CHUNK);
+        let row = chunk.row(at);
+        let arm = |entry: usize| x[chunk.columns[row.start + entry] as usize] - x[node];
+        let mut force: Vec3A = chunk.laplacian[row.clone()].iter().enumerate().map(|(entry, l)| arm(entry) * -l).sum();
+        let mut block = Mat3A::from_diagonal(Vec3::splat(self.shear(node)));
+        for corner in chunk.corners(at) {
+            let [a, b, c] = corner.others.map(|o| arm(usize::from(o)));
+            let v = self.volumetric[corner.tet as usize];
+            let gradient = (b - a).cross(c - a) / 6.0;
+            force += gradient * (v.stiffness * (a.dot(b.cross(c)) / 6.0 - v.target));
+            block += Mat3A::from_cols(gradient * gradient.x, gradient * gradient.y, gradient * gradient.z) * v.stiffness;
+        }
+        (force, block)
     }
 
     /// The constants of all tetrahedra, for [`Chunk::assemble`].

@@ -27,7 +27,7 @@ use smallvec::SmallVec;
 const FIRM: f32 = 2.0;
 
 /// `T`, s: how slowly a point that is inside comes out. Two ticks: what comes out of 5 mm goes at 0.17 m/s at most.
-const SLOW_S: f32 = 0.03;
+pub(crate) const SLOW_S: f32 = 0.03;
 
 /// Damping by inertia, in multiples of what stops the mass at the point in a stage.
 const STOP: f32 = 4.0;
@@ -204,6 +204,11 @@ impl Touch {
             block += slope * (self.spring * ratio * held);
         }
         Answer { force, push, block, touches }
+    }
+
+    /// The most that the force falls with the point anywhere, N/m.
+    pub(crate) fn most_against(&self, place: Vec3A) -> Mat3A {
+        self.answer(place, true).block
     }
 
     /// Vectors the squares of which are together [`Answer::block`], (N/m)^1/2: along the normal, then along the obstacle.

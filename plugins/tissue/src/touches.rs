@@ -254,6 +254,31 @@ impl Touches {
         }
     }
 
+    /// Which contacts each node takes part in, by body and node, ascending.
+    pub(crate) fn of_nodes(&self) -> Vec<((u32, u32), u32)> {
+        let arms = self.list.iter().enumerate().flat_map(|(at, t)| t.arms.iter().map(move |a| ((a.part, a.node), at as u32)));
+        let mut all: Vec<_> = arms.collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
+    /// Force (N) of one of the contacts on a node of a body as it was last looked at, and a bound of how it falls with the place of the node (N/m).
+    pub(crate) fn on_node(&self, contact: u32, (part, node): (u32, u32), parts: &[Part<'_>]) -> (Vec3A, Mat3A) {
+        let touch = &self.list[contact as usize];
+        let weight: f32 = touch.arms.iter().filter(|a| (a.part, a.node) == (part, node)).map(|a| a.weight).sum();
+        let place = place(touch, |a| parts[a.part as usize].newton.x[a.node as usize]);
+        (touch.now.force * weight, touch.most_against(place) * (weight * weight))
+    }
+
+    /// Looks at one of the contacts where the bodies are now; the nodes that take part in it.
+    pub(crate) fn look_at(&mut self, contact: u32, parts: &[Part<'_>]) -> impl Iterator<Item = (u32, u32)> + '_ {
+        let touch = &mut self.list[contact as usize];
+        let place = place(touch, |a| parts[a.part as usize].newton.x[a.node as usize]);
+        touch.look(place);
+        touch.arms.iter().map(|a| (a.part, a.node))
+    }
+
     /// Makes the preconditioner one that knows the contacts as they were last looked at.
     pub(crate) fn hold(&mut self, parts: &[Part<'_>]) {
         self.held.build(&self.list, parts);

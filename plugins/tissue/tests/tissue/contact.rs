@@ -2,7 +2,8 @@
 
 use crate::finder::{DT, Ground, Thing, entity, tick};
 use bevy_math::Vec3;
-use keyhole_tissue::beam::GRAVITY;
+use keyhole_tetmesh::{DVec3, TetMesh};
+use keyhole_tissue::beam::{GRAVITY, block};
 use keyhole_tissue::{TeschnerSettings, TissueModel, TissueSettings, VbdSettings, XpbdSettings};
 
 /// No sleep, no drag.
@@ -257,4 +258,52 @@ fn a_stack_sleeps_and_wakes() {
     ground.velocity = Vec3::Y * 0.01;
     tick(&mut stack, &[ground], Some((Vec3::Y, 0.3)), GRAVITY, &asleep);
     assert!(stack.iter().all(|t| t.body.sleeping_bounds().is_none()) && stack[1].state != before[1].0);
+}
+
+/// A scrap of some micrograms that hangs on a body by nothing falls freely, however hard the body is hit meanwhile: what the solver leaves of the whole is little to the
+/// body and would be much to the scrap.
+#[test]
+fn a_scrap_falls_freely_beside_what_is_hit() {
+    let cube = block([6; 3], [0.02; 3]);
+    let size = 2e-4;
+    let scrap = [DVec3::ZERO, DVec3::X * size, DVec3::Y * size, DVec3::Z * size].map(|p| p + DVec3::new(0.05, 0.1, 0.0));
+    let nodes: Vec<DVec3> = cube.nodes().map(|n| cube.rest(n)).chain(scrap).collect();
+    let first = nodes.len() as u32 - 4;
+    let tets: Vec<[u32; 4]> = cube.iter().map(|(_, c)| c.map(|n| n.0)).chain([[first, first + 1, first + 2, first + 3]]).collect();
+    let ground = Ground::level(0.3);
+    let mut thing = [Thing::new(1, TetMesh::new(nodes, &tets, &[]), 1e4)];
+    thing[0].shift(Vec3::Y * 0.005);
+    let mass = thing[0].mass();
+    for node in 0..first as usize {
+        thing[0].state.velocities[node] = Vec3::new(0.2, -1.0, 0.0);
+    }
+    let fell = |t: &Thing| t.state.velocities[first as usize..].iter().sum::<Vec3>() / 4.0;
+    let mut most = 0.0_f32;
+    for i in 1..=8 {
+        tick(&mut thing, &[ground], None, GRAVITY, &settings());
+        most = most.max(thing[0].force_from(ground.entity).length());
+        let expected = GRAVITY * (i as f32 * DT);
+        let got = fell(&thing[0]);
+        assert!((got - expected).length() < 1e-3, "tick {i}: {got} m/s instead of {expected}");
+    }
+    assert!(most > 3.0 * mass * 9.81, "the body is hit: {most} N");
+}
+
+/// A corner that lies up to a hundred edges outside of a cube on the ground is brought back: to the whole it is next to nothing, and to Newton's method stiff in all directions but one.
+#[test]
+fn a_node_that_was_thrown_out_comes_back() {
+    for far in [0.05, 0.5] {
+        let ground = Ground::level(0.3);
+        let mut thing = [Thing::new(1, block([4; 3], [0.02; 3]), 1e4)];
+        thing[0].shift(Vec3::NEG_Y * 1e-4);
+        (0..30).for_each(|_| tick(&mut thing, &[ground], None, GRAVITY, &settings()));
+        let before = thing[0].state.positions.clone();
+        let corner = (0..before.len()).max_by(|a, b| before[*a].element_sum().total_cmp(&before[*b].element_sum())).unwrap();
+        thing[0].state.positions[corner] += Vec3::new(0.8, 0.6, 0.0) * far;
+        tick(&mut thing, &[ground], None, GRAVITY, &settings());
+        let off = |t: &Thing| t.state.positions.iter().zip(&before).map(|(x, b)| x.distance(*b)).fold(0.0, f32::max);
+        assert!(off(&thing[0]) < 0.02, "{} m after one tick, from {far} m", off(&thing[0]));
+        (0..90).for_each(|_| tick(&mut thing, &[ground], None, GRAVITY, &settings()));
+        assert!(off(&thing[0]) < 1e-3, "{} m after a second and a half, from {far} m", off(&thing[0]));
+    }
 }

@@ -191,6 +191,8 @@ pub fn tick(things: &mut [Thing], grounds: &[Ground], axis: Option<(Vec3, f32)>,
             state: &mut t.state,
             holds: &t.holds,
             contacts: &mut t.contacts.0,
+            light: &mut [],
+            crumb: false,
         })
         .collect();
     island::step(&mut members, gravity, DT, settings);

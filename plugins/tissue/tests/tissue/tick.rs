@@ -10,8 +10,8 @@ use keyhole_tissue::beam::{GRAVITY, beam, beam_material, block};
 use keyhole_tissue::reference::unloaded;
 use keyhole_tissue::{Quarantined, TissueBody, TissuePlugin, TissueReport, TissueSettings};
 use keyhole_whiteboard::{
-    Anchor, Attachment, Attachments, FragmentDetached, Gravity, InstrumentPose, Organ, SceneRequirements, TissueMesh, TissueState,
-    TopologyChanged, WhiteboardPlugin,
+    Anchor, Attachment, Attachments, FragmentDetached, FreedFrom, Gravity, InstrumentPose, Organ, SceneRequirements, TissueMesh,
+    TissueState, TopologyChanged, WhiteboardPlugin,
 };
 use smallvec::smallvec;
 
@@ -182,4 +182,32 @@ fn a_prestressed_organ_stays_where_it_was_scanned() {
     };
     let (prestressed, sagging) = (moved(unloaded), moved(scan.clone()));
     assert!(sagging > 0.01 && prestressed < 0.01 * sagging, "{prestressed} m, without {sagging} m");
+}
+
+/// A fragment falls until it is ten extents of the organ away, and stays there: it would fall for ever, to where floats no longer tell its nodes apart.
+#[test]
+fn what_has_left_the_theatre_stays_where_it_is() {
+    let mut app = app();
+    app.insert_resource(Gravity(GRAVITY));
+    let donor = organ(&mut app, block([2; 3], [0.02; 3]));
+    let held = |node| Attachment {
+        point: smallvec![(NodeId(node), 1.0)],
+        anchor: Anchor::Space(Vec3::ZERO),
+        compliance_m_n: 0.0,
+        until_s: f64::INFINITY,
+    };
+    app.world_mut().entity_mut(donor).insert(Attachments(vec![held(0)]));
+    let fragment = organ(&mut app, block([1; 3], [0.005; 3]));
+    app.world_mut().entity_mut(fragment).insert(FreedFrom { donor, time_s: 0.0 });
+    let mut last = f32::INFINITY;
+    for tick in 0..120 {
+        app.update();
+        let now = positions(&app, fragment)[0].y;
+        assert!(now < last || app.world().resource::<TissueReport>().left == 1, "tick {tick}");
+        last = now;
+    }
+    assert!(last < -0.2 && last > -0.4, "{last} m");
+    assert_eq!(app.world().resource::<TissueReport>().left, 1);
+    assert!(app.world().get::<TissueState>(fragment).unwrap().velocities.iter().all(|v| *v == Vec3::ZERO));
+    assert!(positions(&app, donor)[0].length() < 1e-6, "the organ stays in the theatre");
 }
