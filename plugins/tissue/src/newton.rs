@@ -23,8 +23,8 @@ const HALVINGS: u32 = 10;
 /// Elements whose energy is summed at once.
 const PART: usize = 1024;
 
-/// A body is tangled when more than one in so many of its elements is inverted, and more than a few or a quarter of all. A few may be a bridge of tissue about to be cut through, torn out of
-/// shape by the weight of what hangs on it.
+/// A stage that leads to where more than one in so many of the elements is inverted is done carefully. A body that begins a tick so is tangled, where they are more than a few or a quarter of all: a few
+/// may be a bridge of tissue about to be cut through, torn out of shape by the weight of what hangs on it.
 const TANGLED: usize = 400;
 const FEW: usize = 16;
 
@@ -341,7 +341,7 @@ pub(crate) fn minimise(
             look(parts, touches, weights);
         } else if stale || touches.is_empty() || round % FRESH == 0 {
             let inverted: usize = parts.iter_mut().map(|p| p.newton.assemble(p.tissue.membrane, convex)).sum();
-            if is_tangle(inverted, elements) && care == Care::Usual {
+            if inverted * TANGLED > elements && care == Care::Usual {
                 return Err(Astray::Tangled);
             }
             parts.iter_mut().for_each(|p| p.newton.prepare(convex));
