@@ -86,7 +86,7 @@ impl Rigid {
 pub(crate) fn step(body: &Body, nodes: &[u32], state: &mut TissueState, holds: &[Hold], contacts: &mut [Contact], fall: Fall) {
     let mass = |n: &u32| f64::from(body.masses()[*n as usize]);
     let all: f64 = nodes.iter().map(mass).sum();
-    if !(all > 0.0) {
+    if all <= 0.0 {
         return;
     }
     let mean = |of: &dyn Fn(usize) -> Vec3| nodes.iter().map(|n| of(*n as usize).as_dvec3() * mass(n)).sum::<DVec3>() / all;
