@@ -157,6 +157,7 @@ impl Light {
 }
 
 #[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 mod tests {
     use super::*;
     use crate::adopt::adopt;

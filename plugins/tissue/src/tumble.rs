@@ -197,6 +197,7 @@ fn solve(rigid: Rigid, start: Motion, rows: &mut [Row], which: usize) -> Motion 
 }
 
 #[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 mod tests {
     use super::*;
     use crate::Momentum;
@@ -297,7 +298,7 @@ mod tests {
     fn nothing_throws_or_stretches_it() {
         let (body, mut state, nodes) = crumb([0.002, 0.002, 0.002]);
         for x in &mut state.positions {
-            x.x = -3.0 * x.x;
+            x.x *= -3.0;
         }
         let fall = Fall { gravity: GRAVITY, dt: DT, drag_1_s: 0.0 };
         let extent = |at: &[Vec3]| {
