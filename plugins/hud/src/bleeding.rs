@@ -30,7 +30,7 @@ fn line(left: Option<u32>, clips: &ClipReport, bleeding: &BleedReport) -> (Strin
     (parts.join("   "), wrong)
 }
 
-/// Draws the line. While there is no context, nothing.
+/// Draws the line, above the guide. While there is no context, nothing.
 pub fn draw_bleeding(
     mut contexts: EguiContexts,
     present: Query<(), With<PrimaryEguiContext>>,
@@ -43,7 +43,7 @@ pub fn draw_bleeding(
         return Ok(());
     }
     let (text, wrong) = line(appliers.iter().map(|a| a.clips).reduce(|a, b| a + b), &clips, &bleeding);
-    egui::Area::new("bleeding".into()).anchor(Align2::CENTER_BOTTOM, [0.0, -12.0]).show(contexts.ctx_mut()?, |ui| {
+    egui::Area::new("bleeding".into()).anchor(Align2::CENTER_BOTTOM, [0.0, -84.0]).show(contexts.ctx_mut()?, |ui| {
         let colour = if wrong { WARNING } else { QUIET };
         ui.label(RichText::new(text).size(16.0).color(colour).background_color(Color32::from_black_alpha(160)));
     });
