@@ -42,8 +42,10 @@ fn resident_bytes() -> Option<u64> {
 
 /// After so many strokes it cuts no more: there would be nothing left to push and to pull.
 const MOST_STROKES: u32 = 30;
-/// How many times as long a part of an organ may be that has come about in the last ticks: a bridge is drawn long by what hangs on it before it parts.
+/// How many times as long a crumb may be that has come about in the last ticks: a bridge is drawn long by what hangs on it before it parts.
 const MOST_DRAWN: f32 = 16.0;
+/// Most nodes of a crumb.
+const CRUMB: usize = 64;
 /// For how many ticks.
 const SETTLING: u64 = 20;
 
@@ -343,8 +345,9 @@ fn look(app: &mut App, tick: u64, still: bool, parts: &mut HashMap<Entity, Parts
         if known.counts != counts {
             *known = Parts { counts, since: tick, all: Part::all_of(&mesh.0) };
         }
-        let bound = if tick - known.since < SETTLING { MOST_DRAWN } else { MOST_STRETCHED };
         for part in &known.all {
+            let has_just_parted = part.nodes.len() <= CRUMB && tick - known.since < SETTLING;
+            let bound = if has_just_parted { MOST_DRAWN } else { MOST_STRETCHED };
             // What is held at both ends is as long as its holders are apart.
             let held = attachments.0.iter().filter(|a| a.point.iter().all(|(n, _)| part.nodes.binary_search(n).is_ok()));
             let anchors: Vec<Vec3> = held.filter_map(|a| place(&a.anchor, &poses)).collect();
@@ -352,7 +355,7 @@ fn look(app: &mut App, tick: u64, still: bool, parts: &mut HashMap<Entity, Parts
             let stretched = diagonal(part.nodes.iter().map(|n| state.position(*n))) / allowed;
             let described = || format!("{} nodes of {} of {} tetrahedra in tick {tick}", part.nodes.len(), organ.name, mesh.0.tet_count());
             assert!(stretched <= bound, "{stretched} times: {}", described());
-            if stretched > tally.most_stretched && bound == MOST_STRETCHED {
+            if stretched > tally.most_stretched && !has_just_parted {
                 tally.most_stretched = stretched;
                 tally.stretched = described();
             }

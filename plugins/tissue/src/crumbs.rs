@@ -7,8 +7,7 @@
 use crate::rows::Rows;
 use bevy_ecs::prelude::Entity;
 use keyhole_tetmesh::NodeId;
-use keyhole_whiteboard::Contact;
-use keyhole_whiteboard::Obstacle;
+use keyhole_whiteboard::{Contact, Obstacle};
 use rustc_hash::FxHashSet;
 
 /// Most nodes of a crumb.

@@ -5,6 +5,7 @@
 //! body. It is quadratic in the positions, so backward Euler is one linear system with a positive matrix, stable for any material and any tick, and what it tends to is
 //! the rest shape, turned. `R` is the rotation of the nodes that are held; where they leave it open, that of the whole body (Horn 1987, "Closed-form solution of
 //! absolute orientation using unit quaternions"). As soon as the body is no longer tangled it is stepped as usual.
+//! A body of which nothing is fixed comes out of it as a rigid body instead ([`crate::island`]).
 
 use crate::body::Body;
 use crate::hold::Hold;
