@@ -17,7 +17,7 @@ use crate::pictures::{build_darkroom, develop};
 use crate::shading::SceneMaterial;
 use crate::smoke::{Smoke, SmokeSettings, smoke};
 use crate::smoothing::MotionSettings;
-use crate::theatre::{furnish, light_scope, surround};
+use crate::theatre::{furnish, light_scope, light_specimen, surround};
 use crate::thread::{draw_sutures, move_sutures};
 use crate::tools::{draw_fittings, draw_tools, drop_drawn, drop_orphans, move_fittings, move_tools};
 use bevy::app::RunFixedMainLoopSystems;
@@ -103,7 +103,7 @@ impl Plugin for ViewPlugin {
             .add_systems(Update, (draw_sutures.after(drop_orphans), move_sutures).chain())
             .add_systems(
                 PostUpdate,
-                ((follow_framing, surround), orbit, aim_eyes, light_scope, smoke, move_tools, move_fittings)
+                ((follow_framing, surround), orbit, aim_eyes, light_specimen, light_scope, smoke, move_tools, move_fittings)
                     .chain()
                     .before(TransformSystems::Propagate)
                     .before(CameraUpdateSystems),

@@ -1,5 +1,6 @@
 //! Light and surroundings: the room of the global view, the light of the endoscope and the cavity that it lights.
 
+use crate::eyes::{Eye, EyeOf};
 use crate::framing::Framing;
 use crate::layers;
 use crate::optics::eye_pose;
@@ -15,6 +16,14 @@ use keyhole_whiteboard::Endoscope;
 /// The light at the tip of the endoscope.
 #[derive(Component)]
 pub struct ScopeLight;
+
+/// A light of the specimen's view: its turn from that of the eye.
+#[derive(Component)]
+pub struct SpecimenLamp(Quat);
+
+/// Illuminance of the specimen's lamps, lx, and where they hang as its eye sees it: right, up, back. Colours are to be read off, whichever way it lies.
+const SPECIMEN_LAMPS: [(f32, Vec3); 3] =
+    [(1500.0, Vec3::new(0.2, 0.4, 1.0)), (900.0, Vec3::new(-1.0, 0.1, 0.6)), (900.0, Vec3::new(0.9, -0.5, 0.5))];
 
 /// The wall of the abdominal cavity.
 #[derive(Component)]
@@ -64,10 +73,11 @@ pub fn furnish(
     };
     commands.spawn((lamp(Color::srgb(1.0, 0.97, 0.92), 3400.0, true), cascades.build(), from(0.5, 1.0, 0.35), layers::global_only()));
     commands.spawn((lamp(Color::srgb(0.80, 0.90, 1.0), 1000.0, false), from(-0.9, 0.5, 0.1), layers::global_only()));
-    // What was resected is looked at by itself, in even light.
-    commands.spawn((lamp(Color::WHITE, 2600.0, false), from(0.4, 1.0, 0.6), layers::specimen_only()));
-    commands.spawn((lamp(Color::WHITE, 1800.0, false), from(-0.6, -0.4, 0.5), layers::specimen_only()));
-    commands.spawn((lamp(Color::WHITE, 1800.0, false), from(0.1, -0.3, -1.0), layers::specimen_only()));
+    // What was resected is looked at by itself, in even light from where it is looked at.
+    for (illuminance, towards) in SPECIMEN_LAMPS {
+        let lamp = lamp(Color::WHITE, illuminance, false);
+        commands.spawn((SpecimenLamp(Quat::from_rotation_arc(Vec3::Z, towards.normalize())), lamp, layers::specimen_only()));
+    }
     commands.spawn((
         ScopeLight,
         SpotLight {
@@ -115,6 +125,15 @@ pub fn surround(
         **cavity = Transform::from_translation(framing.focus).with_scale(Vec3::splat(radius.max(0.13)));
         let below = Vec3::new(framing.focus.x, framing.floor_m - 0.08 * framing.radius_m, framing.focus.z);
         **drape = Transform::from_translation(below).with_scale(Vec3::splat(40.0 * framing.radius_m));
+    }
+}
+
+/// Carries the lamps with the eye that looks at the specimen.
+pub fn light_specimen(eyes: Query<(&Eye, &Transform), Without<SpecimenLamp>>, mut lamps: Query<(&SpecimenLamp, &mut Transform)>) {
+    let Some((_, eye)) = eyes.iter().find(|(eye, _)| matches!(eye.shows, EyeOf::Specimen(_))) else { return };
+    for (lamp, mut transform) in &mut lamps {
+        let rotation = eye.rotation * lamp.0;
+        transform.set_if_neq(Transform { rotation, ..*transform });
     }
 }
 
