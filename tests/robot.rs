@@ -237,6 +237,7 @@ fn a_random_robot_breaks_nothing() {
             let tracks = vec![robot.track(Hand::Left, left), robot.track(Hand::Right, right)];
             perform(&mut app, tracks);
         }
+        eprintln!("TICK {tick}");
         app.update();
         assert_eq!(faults(), 0, "a system failed in tick {tick}");
         let still = tick % minute + 1 == minute;

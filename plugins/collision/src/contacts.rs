@@ -12,7 +12,7 @@ use bevy_ecs::prelude::Entity;
 use bevy_math::Vec3;
 use keyhole_tetmesh::{NodeId, Topology};
 use keyhole_whiteboard::{Contact, Obstacle, TissuePoint};
-use smallvec::smallvec;
+use smallvec::{SmallVec, smallvec};
 
 /// How deep a body may be in itself for a contact, in edges of its mesh: with edges of 5 mm what folds at half a metre a second comes no further in a tick.
 const DEEPEST_FOLD: f32 = 2.0;
@@ -168,35 +168,50 @@ pub fn with_anatomy(organ: &Party, anatomy: (Entity, &SolidSurface), friction: f
     }
 }
 
-/// The contacts of an organ's surface with a part of an instrument; see [`ToolPart::touch`]. The surface moves on over the tick as it does now. Gives the
-/// number of faces that were held against it.
-pub fn with_tool(organ: &Party, tool: (Entity, &ToolPart, &Motion), friction: f32, near_m: f32, contacts: &mut Vec<Contact>) -> usize {
-    let (entity, part, motion) = tool;
+/// A part of an instrument as contacts see it: of which, how it moves, and Coulomb's coefficient of its surface.
+pub type MovedPart<'a> = (Entity, &'a ToolPart, &'a Motion, f32);
+
+/// The contacts of an organ's surface with parts of instruments, one part after the other; see [`ToolPart::touch`]. The surface moves on over the tick as it
+/// does now. Gives the number of faces that were held against them, summed over the parts.
+pub fn with_tools(organ: &Party, parts: &[MovedPart], near_m: f32, contacts: &mut Vec<Contact>) -> usize {
+    let boxes: SmallVec<[(Vec3, Vec3); 8]> = parts.iter().map(|(_, part, motion, _)| part.swept_box(motion, near_m)).collect();
+    let way = |node: NodeId, dt_s: f32| organ.velocities[node.index()] * dt_s;
+    // A walk over the surface is longer than all that is near a tool.
+    let mut near: Vec<(usize, [NodeId; 3])> = Vec::new();
     let mut faces = 0;
-    let (low, high) = part.swept_box(motion, near_m);
     for nodes in organ.shape.triangles() {
-        faces += 1;
-        let corners = nodes.map(|n| organ.positions[n.index()]);
-        let [a, b, c] = corners;
-        let [u, v, w] = nodes.map(|n| organ.velocities[n.index()] * motion.dt_s);
-        let (ahead, behind) = (u.max(v).max(w).max(Vec3::ZERO), u.min(v).min(w).min(Vec3::ZERO));
-        if (a.max(b).max(c) + ahead).cmplt(low).any() || (a.min(b).min(c) + behind).cmpgt(high).any() {
-            continue;
+        faces += parts.len();
+        let [a, b, c] = nodes.map(|n| organ.positions[n.index()]);
+        let (high, low) = (a.max(b).max(c), a.min(b).min(c));
+        for (at, ((lowest, highest), (_, _, motion, _))) in boxes.iter().zip(parts).enumerate() {
+            let [u, v, w] = nodes.map(|n| way(n, motion.dt_s));
+            let (ahead, behind) = (u.max(v).max(w).max(Vec3::ZERO), u.min(v).min(w).min(Vec3::ZERO));
+            let apart = (high + ahead).cmplt(*lowest).any() || (low + behind).cmpgt(*highest).any();
+            if !apart && (a + b + c + u + v + w).is_finite() {
+                near.push((at, nodes));
+            }
         }
-        if !(a + b + c + u + v + w).is_finite() {
-            continue;
+    }
+    for (at, (entity, part, motion, friction)) in parts.iter().enumerate() {
+        let swept = part.swept_bar(motion);
+        for (_, nodes) in near.iter().filter(|(of, _)| *of == at) {
+            let corners = nodes.map(|n| organ.positions[n.index()]);
+            let then = std::array::from_fn(|i| corners[i] + way(nodes[i], motion.dt_s));
+            if swept.misses(corners, then, near_m) {
+                continue;
+            }
+            let Some(touch) = part.touch(motion, corners, then, near_m) else { continue };
+            contacts.push(Contact {
+                point: nodes.iter().copied().zip(touch.weights).collect(),
+                normal: touch.normal,
+                depth_m: touch.depth_m,
+                surface_m: touch.surface_m,
+                velocity_m_s: touch.velocity_m_s,
+                friction: friction_between(organ.friction, *friction),
+                against: Obstacle::Instrument(*entity),
+                force_n: Vec3::ZERO,
+            });
         }
-        let Some(touch) = part.touch(motion, corners, [a + u, b + v, c + w], near_m) else { continue };
-        contacts.push(Contact {
-            point: nodes.into_iter().zip(touch.weights).collect(),
-            normal: touch.normal,
-            depth_m: touch.depth_m,
-            surface_m: touch.surface_m,
-            velocity_m_s: touch.velocity_m_s,
-            friction: friction_between(organ.friction, friction),
-            against: Obstacle::Instrument(entity),
-            force_n: Vec3::ZERO,
-        });
     }
     faces
 }

@@ -29,17 +29,18 @@ pub struct Patch {
 }
 
 /// The patches of a body: every tetrahedron is in one.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct Patches {
     of_tet: Vec<u32>,
     list: Vec<Patch>,
+    walk: Walk,
 }
 
 impl Patches {
     /// The patches of a mesh, by Morton's order of the middles of its tetrahedra at rest.
     #[must_use]
     pub fn of(mesh: &TetMesh, shape: &Shape) -> Self {
-        let mut patches = Self { of_tet: vec![NONE; mesh.tet_slots()], list: Vec::new() };
+        let mut patches = Self { of_tet: vec![NONE; mesh.tet_slots()], ..Self::default() };
         let all: Vec<TetId> = mesh.iter().map(|(t, _)| t).collect();
         for tets in in_order(mesh, &all).chunks(SIZE) {
             patches.push(tets.to_vec());
@@ -117,36 +118,65 @@ impl Patches {
 
     /// Lists the nodes of a patch anew.
     fn gather(&mut self, at: usize, mesh: &TetMesh, shape: &Shape) {
-        let (patch, topology) = (&mut self.list[at], mesh.topology());
+        let (patch, walk) = (&mut self.list[at], &mut self.walk);
+        walk.begin(mesh);
         patch.nodes.clear();
-        patch.nodes.extend(patch.tets.iter().flat_map(|t| topology.corners(*t)));
+        patch.nodes.extend(patch.tets.iter().flat_map(|t| mesh.topology().corners(*t)).filter(|n| walk.comes_to(*n)));
         patch.nodes.sort_unstable();
-        patch.nodes.dedup();
-        let mut tets = Vec::new();
-        patch.near.clear();
-        corners_around(&patch.nodes, topology, &mut tets, &mut patch.near, |n| shape.role(n) == Role::Surface);
         let rest = |n: NodeId| mesh.rest(n);
         let (low, high) = patch.nodes.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), n| (l.min(rest(*n)), h.max(rest(*n))));
         let margin = MARGIN * (high - low);
         let within = |n: NodeId| rest(n).cmpge(low - margin).all() && rest(n).cmple(high + margin).all();
+        let surface = |n: NodeId| shape.role(n) == Role::Surface;
+        walk.begin(mesh);
+        patch.near.clear();
+        walk.on(&patch.nodes, mesh.topology(), &mut patch.near, surface);
+        let mut from = 0;
         for _ in 0..2 {
-            let inner = patch.near.clone();
-            corners_around(&inner, topology, &mut tets, &mut patch.near, |n| shape.role(n) == Role::Surface && within(n));
+            let edge = patch.near[from..].to_vec();
+            from = patch.near.len();
+            walk.on(&edge, mesh.topology(), &mut patch.near, |n| surface(n) && within(n));
         }
+        patch.near.sort_unstable();
         patch.version = patch.version.wrapping_add(1);
     }
 }
 
-/// Adds the corners of the tetrahedra around nodes that are wanted to a list, which is ascending then and has each once. `tets` is room.
-fn corners_around(nodes: &[NodeId], topology: &Topology, tets: &mut Vec<TetId>, list: &mut Vec<NodeId>, wanted: impl Fn(NodeId) -> bool) {
-    // Each of them once: a node has two dozen around it, and each would be looked at for all of its corners.
-    tets.clear();
-    tets.extend(nodes.iter().flat_map(|n| topology.around_node(*n)));
-    tets.sort_unstable();
-    tets.dedup();
-    list.extend(tets.iter().flat_map(|t| topology.corners(*t)).filter(|n| wanted(*n)));
-    list.sort_unstable();
-    list.dedup();
+/// A walk over a mesh from node to node that comes to each node and each tetrahedron once.
+#[derive(Clone, Debug, Default)]
+struct Walk {
+    /// By slot: the walk that has been there last.
+    nodes: Vec<u32>,
+    tets: Vec<u32>,
+    now: u32,
+}
+
+impl Walk {
+    /// Begins another one.
+    fn begin(&mut self, mesh: &TetMesh) {
+        self.nodes.resize(mesh.node_slots(), 0);
+        self.tets.resize(mesh.tet_slots(), 0);
+        self.now = self.now.wrapping_add(1);
+        if self.now == 0 {
+            self.nodes.fill(0);
+            self.tets.fill(0);
+            self.now = 1;
+        }
+    }
+
+    /// Whether it has not been at this node before.
+    fn comes_to(&mut self, node: NodeId) -> bool {
+        std::mem::replace(&mut self.nodes[node.index()], self.now) != self.now
+    }
+
+    /// Adds the corners that are wanted of the tetrahedra around nodes to a list. What is not wanted once may not be wanted later either.
+    fn on(&mut self, nodes: &[NodeId], topology: &Topology, list: &mut Vec<NodeId>, wanted: impl Fn(NodeId) -> bool) {
+        for tet in nodes.iter().flat_map(|n| topology.around_node(*n)) {
+            if std::mem::replace(&mut self.tets[tet.index()], self.now) != self.now {
+                list.extend(topology.corners(*tet).into_iter().filter(|n| wanted(*n) && self.comes_to(*n)));
+            }
+        }
+    }
 }
 
 /// Tetrahedra in Morton's order of their middles at rest, in the box around these.

@@ -1,7 +1,7 @@
 //! Glue: what is on the whiteboard touches, and its contacts are written there.
 
 use crate::anatomy::SolidSurface;
-use crate::contacts::{Party, between_tissue, exempt, part, with_anatomy, with_tool, with_tool_within};
+use crate::contacts::{MovedPart, Party, between_tissue, exempt, part, with_anatomy, with_tool_within, with_tools};
 use crate::depth::Depths;
 use crate::detect::{Body, Detector, Hit, mean_rest_edge_m};
 use crate::folds::Folds;
@@ -20,6 +20,7 @@ use keyhole_whiteboard::{
     SceneCleared, SceneRequirements, StateOf, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts,
     ToolModel, ToolTouch, ToolTouched, TopologyChanged,
 };
+use smallvec::SmallVec;
 
 /// How near a surface has to be to be touched, as a part of what is near.
 const TOUCHES: f32 = 0.2;
@@ -192,6 +193,17 @@ fn tool_parts(instrument: &Instrument, model: &ToolModel) -> Vec<MovingPart> {
     std::iter::once(MovingPart::new(shaft, Joint::Fixed, false)).chain(ahead).collect()
 }
 
+/// A part of an instrument in a tick.
+struct Moving<'a> {
+    tool: Entity,
+    part: &'a ToolPart,
+    motion: Motion,
+    friction: f32,
+    ways: &'a mut Vec<(Entity, Vec3)>,
+    /// Its middle, as a body of points.
+    middle: Body<'a>,
+}
+
 fn find_contacts(
     time: Res<Time<Fixed>>,
     settings: Res<CollisionSettings>,
@@ -267,12 +279,13 @@ fn find_contacts(
             let MovingPart { part, middle, points, ways, .. } = part;
             middle.clear();
             middle.extend(part.spine().iter().map(|p| motion.from * *p));
-            moving.push((*entity, &*part, motion, friction, ways, Body { shape: points, positions: middle, self_collision: false }));
+            let middle = Body { shape: points, positions: middle, self_collision: false };
+            moving.push(Moving { tool: *entity, part, motion, friction, ways, middle });
         }
     }
     // The middles of tools are looked for in tissue like the nodes of other organs.
     let organs = parties.len();
-    let bodies: Vec<Body> = parties.iter().map(Party::body).chain(moving.iter().map(|m| m.5)).collect();
+    let bodies: Vec<Body> = parties.iter().map(Party::body).chain(moving.iter().map(|m| m.middle)).collect();
     hits.extend_from_slice(detector.detect(&bodies, settings.grading));
     hits.sort_unstable_by_key(Hit::key);
     let within = hits.split_off(hits.partition_point(|h| usize::from(h.node_body) < organs));
@@ -295,13 +308,13 @@ fn find_contacts(
                 }
             }
         }
-        for (entity, part, motion, friction, ..) in &moving {
-            if rest.as_ref().is_none_or(|rest| rest.meets(part.swept_box(motion, settings.tool_near_m))) {
-                report.faces += with_tool(party, (*entity, part, motion), *friction, settings.tool_near_m, list) as u64;
-            }
+        let meets = |m: &&Moving| rest.as_ref().is_none_or(|rest| rest.meets(m.part.swept_box(&m.motion, settings.tool_near_m)));
+        let near: SmallVec<[MovedPart; 8]> = moving.iter().filter(meets).map(|m| (m.tool, m.part, &m.motion, m.friction)).collect();
+        if !near.is_empty() {
+            report.faces += with_tools(party, &near, settings.tool_near_m, list) as u64;
         }
     }
-    for (at, (entity, part, motion, friction, ways, _)) in moving.iter_mut().enumerate() {
+    for (at, Moving { tool, part, motion, friction, ways, .. }) in moving.iter_mut().enumerate() {
         let own = |h: &Hit| usize::from(h.node_body) == organs + at;
         let mine = &within[within.partition_point(|h| usize::from(h.node_body) < organs + at)..];
         let mine = &mine[..mine.partition_point(own)];
@@ -310,7 +323,7 @@ fn find_contacts(
             let place = usize::from(hits[0].tet_body);
             let party = &parties[place];
             let mut way = before.iter().find(|(organ, _)| *organ == party.organ).map(|(_, way)| *way);
-            with_tool_within(party, (*entity, part, motion), hits, *friction, &mut way, contacts[place]);
+            with_tool_within(party, (*tool, part, motion), hits, *friction, &mut way, contacts[place]);
             ways.extend(way.map(|way| (party.organ, way)));
         }
     }

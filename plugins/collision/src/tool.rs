@@ -21,6 +21,8 @@ pub struct ToolPart {
     skin_m: f32,
     spine: Vec<Vec3>,
     radius_m: f32,
+    /// Radius of a bar about the spine with all of the part in it, m.
+    bar_m: f32,
 }
 
 /// Where a part is at the beginning and at the end of a tick.
@@ -70,7 +72,8 @@ impl ToolPart {
     /// A round bar between two points (m).
     #[must_use]
     pub fn capsule(a: Vec3, b: Vec3, radius_m: f32) -> Self {
-        Self { core: SharedShape::segment(to_parry(a), to_parry(b)), skin_m: radius_m, spine: line(a, b, radius_m), radius_m }
+        let core = SharedShape::segment(to_parry(a), to_parry(b));
+        Self { core, skin_m: radius_m, spine: line(a, b, radius_m), radius_m, bar_m: radius_m }
     }
 
     /// The convex hull of points (m); `None` where they have none: fewer than four, or all in a plane.
@@ -95,9 +98,11 @@ impl ToolPart {
         let centre = middle + 0.5 * ((across[0].0 + across[0].1) * broad + (across[1].0 + across[1].1) * along.cross(broad));
         let (low, high) = extent(along);
         let ends = [low + radius_m, high - radius_m].map(|s| if high - low > 2.0 * radius_m { s } else { 0.5 * (low + high) });
+        let [a, b] = ends.map(|s| centre + s * along);
+        let bar_m = points.iter().map(|p| from_segment(a, b, *p)).fold(0.0, f32::max);
         let points: Vec<_> = points.iter().map(|p| to_parry(*p)).collect();
         let core = SharedShape::convex_hull(&points)?;
-        Some(Self { core, skin_m: 0.0, spine: line(centre + ends[0] * along, centre + ends[1] * along, radius_m), radius_m })
+        Some(Self { core, skin_m: 0.0, spine: line(a, b, radius_m), radius_m, bar_m })
     }
 
     /// Points along its middle, not further from each other than half of its thickness unless it is very long, m.
@@ -124,12 +129,46 @@ impl ToolPart {
         (from_parry(swept.mins), from_parry(swept.maxs))
     }
 
+    /// A bar with all places in it where the part is during a tick.
+    #[must_use]
+    pub fn swept_bar(&self, motion: &Motion) -> SweptBar {
+        let (first, last) = (self.spine[0], self.spine[self.spine.len() - 1]);
+        SweptBar { ends: [first, last].map(|p| motion.from * p), radius_m: self.bar_m + motion.way_m(self.reach_m()) }
+    }
+
     /// The furthest that any of the part's points is from the frame's origin, or further, m.
     #[must_use]
     pub fn reach_m(&self) -> f32 {
         let local = self.core.compute_local_aabb();
         from_parry(local.mins).abs().max(from_parry(local.maxs).abs()).length() + self.skin_m
     }
+}
+
+/// A round bar around all that a part may touch during a tick: a box around a long part that lies askew is mostly empty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SweptBar {
+    ends: [Vec3; 2],
+    radius_m: f32,
+}
+
+impl SweptBar {
+    /// Whether a triangle (m) that goes to `then` during the tick is further off than `near_m` all the time. What is not finite does not miss it.
+    #[must_use]
+    pub fn misses(&self, triangle: [Vec3; 3], then: [Vec3; 3], near_m: f32) -> bool {
+        let middle = (triangle[0] + triangle[1] + triangle[2]) / 3.0;
+        let around = triangle.iter().map(|p| p.distance(middle)).fold(0.0, f32::max);
+        let way = (0..3).map(|i| triangle[i].distance(then[i])).fold(0.0, f32::max);
+        // A little more than what is near: as in the touch itself, distances are not all computed alike.
+        from_segment(self.ends[0], self.ends[1], middle) > self.radius_m + around + way + 2.0 * near_m
+    }
+}
+
+/// Distance of a point from the line from `a` to `b`, m.
+fn from_segment(a: Vec3, b: Vec3, point: Vec3) -> f32 {
+    let along = b - a;
+    let length = along.length_squared();
+    let part = if length > 0.0 { ((point - a).dot(along) / length).clamp(0.0, 1.0) } else { 0.0 };
+    point.distance(a + part * along)
 }
 
 /// Two points at which convex things are nearest, or deepest in each other.

@@ -138,6 +138,16 @@ impl Implicit {
         (self.careful, self.astray_s, self.past.h) = (1, 0.0, 0.0);
     }
 
+    /// The state is not what the last substep led to.
+    pub(crate) fn forget_past(&mut self) {
+        self.past.h = 0.0;
+    }
+
+    /// Whether it has needed care for too long.
+    pub(crate) fn is_astray(&self) -> bool {
+        self.astray_s > ASTRAY_S
+    }
+
     /// Bytes of all arrays.
     #[must_use]
     pub fn bytes(&self) -> usize {
@@ -195,7 +205,7 @@ pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings:
 
 /// Whether all bodies were stepped; if not, nothing has changed, and for some of them [`is_lost`] holds.
 fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32, settings: &TissueSettings) -> bool {
-    if movers.iter().any(|m| m.solver.astray_s > ASTRAY_S) {
+    if movers.iter().any(|m| m.solver.is_astray()) {
         return false;
     }
     let n = settings.substeps.max(1);
@@ -228,7 +238,7 @@ fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32,
 
 /// Whether a body cannot be stepped as the others, and has to be rescued.
 pub(crate) fn is_lost(body: &Body, state: &TissueState) -> bool {
-    body.implicit.astray_s > ASTRAY_S || rescue::is_tangled(body, state)
+    body.implicit.is_astray() || rescue::is_tangled(body, state)
 }
 
 fn substep_of(movers: &mut [Mover<'_>], touches: &mut Touches, step: Step, settings: &TissueSettings) -> Result<(), Astray> {

@@ -12,6 +12,7 @@ use crate::membrane::Membrane;
 use crate::rescue;
 use crate::settings::TissueSettings;
 use crate::tumble::{self, Fall};
+use crate::untangle;
 use bevy_ecs::prelude::Entity;
 use bevy_math::Vec3;
 use keyhole_whiteboard::{Contact, Obstacle, TissueState};
@@ -52,11 +53,17 @@ pub fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &Tissu
     // What sleeps beside what does not is solved with it.
     members.iter_mut().filter(|m| m.body.sleep.bounds().is_some()).for_each(|m| m.body.wake());
     let mut count = members.len();
+    let mut untangled = false;
     while count > 0 && !implicit::step(&mut members[..count], gravity, dt, settings) {
-        // What is tangled comes out of it by itself; to the others it is an obstacle in this tick.
+        // What is tangled comes out of it where it is, once, or by itself; then it is an obstacle to the others in this tick.
         let mut at = 0;
+        let again = std::mem::replace(&mut untangled, true);
         while at < count {
-            if implicit::is_lost(members[at].body, members[at].state) {
+            let Member { body, state, holds, .. } = &mut members[at];
+            if !again && !body.implicit.is_astray() && untangle::step(body, state, holds) {
+                body.implicit.forget_past();
+                at += 1;
+            } else if implicit::is_lost(body, state) {
                 rescued(&mut members[at], fall);
                 count -= 1;
                 members.swap(at, count);

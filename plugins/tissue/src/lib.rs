@@ -38,6 +38,7 @@ pub mod teschner;
 mod touch;
 mod touches;
 mod tumble;
+mod untangle;
 pub mod vbd;
 pub mod xpbd;
 

@@ -8,6 +8,7 @@
 //! A body of which nothing is fixed comes out of it as a rigid body instead ([`crate::island`]).
 
 use crate::body::Body;
+use crate::element::Element;
 use crate::hold::Hold;
 use crate::motion::{drift, driven, mean};
 use crate::newton::is_tangle;
@@ -27,9 +28,12 @@ const RIGID: f32 = 100.0;
 /// Whether too many of the elements are inverted.
 #[must_use]
 pub fn is_tangled(body: &Body, state: &TissueState) -> bool {
-    let inverted =
-        |e: &&crate::element::Element| !e.is_empty() && e.deformation(e.indices().map(|i| state.positions[i])).determinant() <= 0.0;
-    is_tangle(body.elements().iter().filter(inverted).count(), body.elements().len())
+    is_tangle(body.elements().iter().filter(|e| inverted(e, state)).count(), body.elements().len())
+}
+
+/// Whether an element is inside out, or flat.
+pub(crate) fn inverted(element: &Element, state: &TissueState) -> bool {
+    !element.is_empty() && element.deformation(element.indices().map(|i| state.positions[i])).determinant() <= 0.0
 }
 
 /// Steps a tangled body over one tick of `dt` s under gravity (m/s2) with this drag (1/s).
@@ -75,16 +79,28 @@ pub(crate) fn step(body: &Body, state: &mut TissueState, holds: &[Hold], gravity
 }
 
 /// Adds to the four nodes of an element what its columns say of nodes 1, 2 and 3; node 0 gets minus their sum.
-fn spread(out: &mut [Vec3], at: [usize; 4], columns: Mat3) {
+pub(crate) fn spread(out: &mut [Vec3], at: [usize; 4], columns: Mat3) {
     out[at[0]] -= columns.x_axis + columns.y_axis + columns.z_axis;
     out[at[1]] += columns.x_axis;
     out[at[2]] += columns.y_axis;
     out[at[3]] += columns.z_axis;
 }
 
+/// Adds the diagonal of the elements' Laplacian.
+fn add_stiffness(elements: &[&Element], diagonal: &mut [f32]) {
+    for e in elements {
+        let g = e.inverse_rest.transpose();
+        let stiffness = e.volume * e.material.mu;
+        let first = g.x_axis + g.y_axis + g.z_axis;
+        for (i, g) in e.indices().into_iter().zip([first, g.x_axis, g.y_axis, g.z_axis]) {
+            diagonal[i] += stiffness * g.length_squared();
+        }
+    }
+}
+
 /// Inertia, the Laplacian of the elements and springs.
-struct System<'a> {
-    body: &'a Body,
+pub(crate) struct System<'a> {
+    pub(crate) elements: Vec<&'a Element>,
     free: Vec<bool>,
     /// Mass over the square of the step, N/m.
     inertia: Vec<f32>,
@@ -95,15 +111,9 @@ struct System<'a> {
 impl<'a> System<'a> {
     fn new(body: &'a Body, holds: &'a [Hold], free: Vec<bool>, dt: f32) -> Self {
         let inertia: Vec<f32> = body.masses().iter().map(|m| m / (dt * dt)).collect();
+        let elements: Vec<&Element> = body.elements().iter().filter(|e| !e.is_empty()).collect();
         let mut diagonal = inertia.clone();
-        for e in body.elements().iter().filter(|e| !e.is_empty()) {
-            let g = e.inverse_rest.transpose();
-            let stiffness = e.volume * e.material.mu;
-            let first = g.x_axis + g.y_axis + g.z_axis;
-            for (i, g) in e.indices().into_iter().zip([first, g.x_axis, g.y_axis, g.z_axis]) {
-                diagonal[i] += stiffness * g.length_squared();
-            }
-        }
+        add_stiffness(&elements, &mut diagonal);
         let spring = |hold: &'a Hold| {
             let around: f32 = hold.point.iter().map(|(n, w)| w.abs() * diagonal[n.index()]).sum();
             let compliance = hold.compliance_m_n.max(0.0);
@@ -115,12 +125,20 @@ impl<'a> System<'a> {
                 diagonal[n.index()] += stiffness * w * w;
             }
         }
-        Self { body, free, inertia, diagonal, springs }
+        Self { elements, free, inertia, diagonal, springs }
+    }
+
+    /// Of some elements alone, without inertia and springs.
+    pub(crate) fn around(elements: Vec<&'a Element>, free: Vec<bool>) -> Self {
+        let inertia = vec![0.0; free.len()];
+        let mut diagonal = inertia.clone();
+        add_stiffness(&elements, &mut diagonal);
+        Self { elements, free, inertia, diagonal, springs: Vec::new() }
     }
 
     fn multiply(&self, d: &[Vec3]) -> Vec<Vec3> {
         let mut out: Vec<Vec3> = d.iter().zip(&self.inertia).map(|(d, m)| *d * *m).collect();
-        for e in self.body.elements().iter().filter(|e| !e.is_empty()) {
+        for e in &self.elements {
             let at = e.indices();
             spread(&mut out, at, e.deformation(at.map(|i| d[i])) * e.inverse_rest.transpose() * (e.volume * e.material.mu));
         }
@@ -143,7 +161,7 @@ impl<'a> System<'a> {
     }
 
     /// Conjugate gradients with the diagonal as preconditioner.
-    fn solve(&self, mut residual: Vec<Vec3>) -> Vec<Vec3> {
+    pub(crate) fn solve(&self, mut residual: Vec<Vec3>) -> Vec<Vec3> {
         self.mask(&mut residual);
         let precondition =
             |r: &[Vec3]| -> Vec<Vec3> { r.iter().zip(&self.diagonal).map(|(r, d)| if *d > 0.0 { *r / *d } else { Vec3::ZERO }).collect() };

@@ -4,7 +4,7 @@ use crate::meshes::{Thing, block};
 use bevy_ecs::prelude::*;
 use bevy_math::{Isometry3d, Quat, Vec3};
 use keyhole_collision::anatomy::SolidSurface;
-use keyhole_collision::contacts::{Party, with_tool, with_tool_within};
+use keyhole_collision::contacts::{Party, with_tool_within, with_tools};
 use keyhole_collision::meet::{part_against_part, part_against_surface};
 use keyhole_collision::tool::{Motion, ToolPart};
 use keyhole_collision::{Body, Detector, Grading, Hit, Shape, mean_rest_edge_m};
@@ -36,7 +36,7 @@ fn flap() -> Thing {
 fn touched(thing: &Thing, velocity: Vec3, part: &ToolPart, motion: &Motion) -> Vec<Contact> {
     let velocities = vec![velocity; thing.positions.len()];
     let mut contacts = Vec::new();
-    with_tool(&party(thing, &velocities), (World::new().spawn_empty().id(), part, motion), 0.2, 0.0005, &mut contacts);
+    with_tools(&party(thing, &velocities), &[(World::new().spawn_empty().id(), part, motion, 0.2)], 0.0005, &mut contacts);
     contacts
 }
 
