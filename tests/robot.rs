@@ -42,9 +42,8 @@ fn resident_bytes() -> Option<u64> {
 
 /// After so many strokes it cuts no more: there would be nothing left to push and to pull.
 const MOST_STROKES: u32 = 30;
-/// How many times as long a crumb may be that has come about in the last ticks: a bridge is drawn long by what hangs on it before it parts.
-const MOST_DRAWN: f32 = 16.0;
-/// Most nodes of a crumb.
+/// Most nodes of a crumb. One that has come about in the last ticks is measured against the organ that it was a part of: a strand is drawn long by what hangs on it before
+/// it parts.
 const CRUMB: usize = 64;
 /// For how many ticks.
 const SETTLING: u64 = 20;
@@ -290,6 +289,8 @@ struct Part {
 struct Parts {
     counts: (usize, usize),
     since: u64,
+    /// Diagonal of the organ's box at rest, m.
+    extent_m: f32,
     all: Vec<Part>,
 }
 
@@ -344,18 +345,19 @@ fn look(app: &mut App, tick: u64, still: bool, parts: &mut HashMap<Entity, Parts
         let known = parts.entry(entity).or_default();
         let counts = (mesh.0.node_count(), mesh.0.tet_count());
         if known.counts != counts {
-            *known = Parts { counts, since: tick, all: Part::all_of(&mesh.0) };
+            let extent_m = diagonal(mesh.0.nodes().map(|n| mesh.0.rest(n).as_vec3()));
+            *known = Parts { counts, since: tick, extent_m, all: Part::all_of(&mesh.0) };
         }
         for part in &known.all {
             let has_just_parted = part.nodes.len() <= CRUMB && tick - known.since < SETTLING;
-            let bound = if has_just_parted { MOST_DRAWN } else { MOST_STRETCHED };
             // What is held at both ends is as long as its holders are apart.
             let held = attachments.0.iter().filter(|a| a.point.iter().all(|(n, _)| part.nodes.binary_search(n).is_ok()));
             let anchors: Vec<Vec3> = held.filter_map(|a| place(&a.anchor, &poses)).collect();
-            let allowed = part.extent_m.max(diagonal(anchors.iter().copied()));
+            let own = if has_just_parted { known.extent_m } else { part.extent_m };
+            let allowed = own.max(diagonal(anchors.iter().copied()));
             let stretched = diagonal(part.nodes.iter().map(|n| state.position(*n))) / allowed;
             let described = || format!("{} nodes of {} of {} tetrahedra in tick {tick}", part.nodes.len(), organ.name, mesh.0.tet_count());
-            assert!(stretched <= bound, "{stretched} times: {}", described());
+            assert!(stretched <= MOST_STRETCHED, "{stretched} times: {}", described());
             if stretched > tally.most_stretched && !has_just_parted {
                 tally.most_stretched = stretched;
                 tally.stretched = described();

@@ -172,8 +172,9 @@ impl Mover<'_> {
     }
 }
 
-/// Steps bodies that touch, or one that may, over one tick of `dt` s under gravity (m/s2). Whether it did; if not, nothing has changed, and for some of them [`is_lost`] holds.
-pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &TissueSettings) -> bool {
+/// Steps bodies that touch, or one that may, over one tick of `dt` s under gravity (m/s2). Whether it did; if not, nothing has changed, and for some of them [`is_lost`] holds,
+/// or they have inverted elements and it would be harder than it need be. Of `untangled` bodies the latter is not a reason.
+pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &TissueSettings, untangled: bool) -> bool {
     let mut touches = members.first_mut().map(|m| std::mem::take(&mut m.body.implicit.touches)).unwrap_or_default();
     touches.gather(members);
     let solvers: SmallVec<[Implicit; 2]> = members.iter_mut().map(|m| std::mem::take(&mut m.body.implicit)).collect();
@@ -189,7 +190,7 @@ pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings:
         solver.starts.extend(member.holds.iter().filter_map(|d| d.fixes().map(|i| (i, member.state.positions[i]))));
         movers.push(Mover { body: member.body, membrane: member.membrane, solver, state: member.state, holds: member.holds });
     }
-    let all = tick(&mut movers, &mut touches, gravity, dt, settings);
+    let all = tick(&mut movers, &mut touches, gravity, dt, settings, untangled);
     let solvers: SmallVec<[Implicit; 2]> = movers.into_iter().map(|m| m.solver).collect();
     for (member, solver) in members.iter_mut().zip(solvers) {
         member.body.implicit = solver;
@@ -203,8 +204,8 @@ pub(crate) fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings:
     all
 }
 
-/// Whether all bodies were stepped; if not, nothing has changed, and for some of them [`is_lost`] holds.
-fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32, settings: &TissueSettings) -> bool {
+/// Whether all bodies were stepped; if not, nothing has changed.
+fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32, settings: &TissueSettings, untangled: bool) -> bool {
     if movers.iter().any(|m| m.solver.is_astray()) {
         return false;
     }
@@ -220,8 +221,13 @@ fn tick(movers: &mut [Mover<'_>], touches: &mut Touches, gravity: Vec3, dt: f32,
                 m.solver.careful += 1;
                 m.solver.past.h = 0.0;
             }
-            // Where it would go may be tangled where it is not: then it goes carefully.
-            if astray == Astray::Tangled && substep == 0 && movers.iter().any(|m| rescue::is_tangled(m.body, m.state)) {
+            // Where it would go may be tangled where it is not: then it goes carefully. But a single inverted element makes a tick hard, again and again.
+            let is_well = |m: &Mover<'_>| match (untangled, astray) {
+                (false, _) => m.body.elements().iter().all(|e| !rescue::inverted(e, m.state)),
+                (true, Astray::Tangled) => !rescue::is_tangled(m.body, m.state),
+                (true, Astray::Wild) => true,
+            };
+            if substep == 0 && !movers.iter().all(is_well) {
                 all = false;
                 break;
             }

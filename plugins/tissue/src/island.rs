@@ -54,7 +54,7 @@ pub fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &Tissu
     members.iter_mut().filter(|m| m.body.sleep.bounds().is_some()).for_each(|m| m.body.wake());
     let mut count = members.len();
     let mut untangled = false;
-    while count > 0 && !implicit::step(&mut members[..count], gravity, dt, settings) {
+    while count > 0 && !implicit::step(&mut members[..count], gravity, dt, settings, untangled) {
         // What is tangled comes out of it where it is, once, or by itself; then it is an obstacle to the others in this tick.
         let mut at = 0;
         let again = std::mem::replace(&mut untangled, true);

@@ -334,9 +334,12 @@ pub(crate) fn minimise(
     }
     let mut stale = true;
     let mut recapped = false;
+    // Whether the residuals are those where the bodies are.
+    let mut looked = false;
     let (all, mut spent) = (stop.iterations * BUDGET, 0);
     for round in 1..=most {
         parts.iter_mut().for_each(|p| p.newton.rounds = round);
+        looked = false;
         if round == 1 && tangent == Tangent::Kept {
             look(parts, touches, weights);
         } else if stale || touches.is_empty() || round % FRESH == 0 {
@@ -389,6 +392,7 @@ pub(crate) fn minimise(
                 parts.iter_mut().for_each(|p| p.newton.go(part));
                 touches.look(parts);
                 look(parts, touches, weights);
+                looked = true;
                 let size = with_equations(parts, |equations| touches.size(equations));
                 let left = size / before;
                 if !touches.is_empty() && (left.is_nan() || left > LOST.max(solved.before / before)) {
@@ -434,13 +438,16 @@ pub(crate) fn minimise(
     }
     touches.look(parts);
     if touches.bear() && !parts.iter().any(|p| p.newton.is_fixed(p.tissue.body)) {
-        look(parts, touches, weights);
+        if !looked {
+            look(parts, touches, weights);
+        }
         let (mut left, mut mass) = (DVec3::ZERO, 0.0);
         for Part { tissue, newton } in parts.iter() {
             left += newton.gradients.residual.iter().map(|r| r.as_dvec3()).sum::<DVec3>();
             mass += tissue.body.masses.iter().map(|m| f64::from(*m)).sum::<f64>();
         }
         let shift = touches.balance(parts, left, mass * f64::from(weights.inertia));
+        looked = false;
         for newton in parts.iter_mut().map(|p| &mut *p.newton) {
             for (x, _) in newton.x.iter_mut().zip(&newton.free).filter(|(_, free)| **free) {
                 *x += shift;
@@ -449,7 +456,9 @@ pub(crate) fn minimise(
         touches.look(parts);
     }
     if !touches.is_empty() {
-        look(parts, touches, weights);
+        if !looked {
+            look(parts, touches, weights);
+        }
         relax(parts, touches, weights.inertia);
     }
     Ok(())
