@@ -147,8 +147,9 @@ fn adopt_changes(
         attachments.remap(&TopologyDelta { nodes: removals, ..Default::default() });
 
         let mut pieces = Vec::new();
-        for (fragment, held) in mine.iter().zip(held) {
+        for (fragment, mut held) in mine.iter().zip(held) {
             let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
+            held.keep_areas(&mesh.0);
             let own = Body::new(&mesh.0, materials)?;
             let model = body.model.of_piece(&own, &mesh.0, materials)?;
             pieces.push((fragment, held, (own, model), TissueState::default()));
@@ -181,7 +182,8 @@ fn adopt_changes(
     for fragment in waiting {
         let Ok((mesh, materials)) = fragments.get(fragment.entity) else { continue };
         let Ok((_, donor, donor_body, mut attachments)) = organs.get_mut(fragment.donor) else { continue };
-        let held = attachments.split_off(&fragment.donor_nodes);
+        let mut held = attachments.split_off(&fragment.donor_nodes);
+        held.keep_areas(&mesh.0);
         let state = inherit(&donor, &fragment.donor_nodes);
         let body = Body::new(&mesh.0, materials)?;
         let model = donor_body.model.of_piece(&body, &mesh.0, materials)?;

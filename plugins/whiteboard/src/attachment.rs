@@ -2,7 +2,7 @@
 
 use bevy_ecs::prelude::*;
 use bevy_math::Vec3;
-use keyhole_tetmesh::{NodeEdit, NodeId, TopologyDelta};
+use keyhole_tetmesh::{NodeEdit, NodeId, TetMesh, TopologyDelta};
 use smallvec::{SmallVec, smallvec};
 
 /// A point of tissue: nodes and weights that sum to one. Of a tie ([`Attachment::tie`]) the difference of two: the weights sum to zero.
@@ -119,12 +119,43 @@ impl Attachments {
         });
         Self(moved)
     }
+
+    /// Lets go of what holds a piece of this mesh to its place, unless it holds a face of it: tissue grows together over an area, and what a cut has left of that in a point or a line
+    /// bears nothing.
+    pub fn keep_areas(&mut self, mesh: &TetMesh) {
+        let place = |a: &Attachment| match (&a.anchor, a.point.as_slice()) {
+            (Anchor::Space(_), [(node, _)]) if a.until_s == f64::INFINITY => Some(*node),
+            _ => None,
+        };
+        let mut held: Vec<NodeId> = self.0.iter().filter_map(place).collect();
+        held.sort_unstable();
+        held.dedup();
+        let is_face = |(_, corners): (_, [NodeId; 4])| corners.iter().filter(|n| held.binary_search(n).is_ok()).count() >= 3;
+        if !held.is_empty() && !mesh.iter().any(is_face) {
+            self.0.retain(|a| place(a).is_none());
+        }
+    }
 }
 
 #[cfg(test)]
 #[expect(clippy::unwrap_used, reason = "a test panics where it fails")]
 mod tests {
     use super::*;
+
+    /// A tetrahedron that is held at two nodes falls, with what else holds it; at three it is held.
+    #[test]
+    fn a_point_or_a_line_bears_nothing() {
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(keyhole_tetmesh::DVec3::from_array);
+        let mesh = keyhole_tetmesh::check::checked(&corners, &[[0, 1, 2, 3]], &[keyhole_tetmesh::MaterialId(0)]).unwrap();
+        let grip = Attachment { until_s: 1.0, ..Attachment::node_to_space(NodeId(3), Vec3::Y, 1e-3) };
+        for count in 1..=3 {
+            let places = (0..count).map(|n| Attachment::node_to_space(NodeId(n), Vec3::ZERO, 0.0));
+            let all = Attachments(places.chain([grip.clone()]).collect());
+            let mut kept = all.clone();
+            kept.keep_areas(&mesh);
+            assert_eq!(kept, if count == 3 { all } else { Attachments(vec![grip.clone()]) });
+        }
+    }
 
     /// Points that share a node: of that the weights are subtracted.
     #[test]
