@@ -60,10 +60,11 @@ pub fn step(members: &mut [Member<'_>], gravity: Vec3, dt: f32, settings: &Tissu
         let again = std::mem::replace(&mut untangled, true);
         while at < count {
             let Member { body, state, holds, .. } = &mut members[at];
-            if !again && !body.implicit.is_astray() && untangle::step(body, state, holds) {
+            if !again {
+                untangle::step(body, state, holds);
                 body.implicit.forget_past();
-                at += 1;
-            } else if implicit::is_lost(body, state) {
+            }
+            if implicit::is_lost(body, state) {
                 rescued(&mut members[at], fall);
                 count -= 1;
                 members.swap(at, count);

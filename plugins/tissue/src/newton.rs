@@ -23,15 +23,8 @@ const HALVINGS: u32 = 10;
 /// Elements whose energy is summed at once.
 const PART: usize = 1024;
 
-/// A stage that leads to where more than one in so many of the elements is inverted is done carefully. A body that begins a tick so is tangled, where they are more than a few or a quarter of all: a few
-/// may be a bridge of tissue about to be cut through, torn out of shape by the weight of what hangs on it.
+/// A stage that leads to where more than one in so many of the elements is inverted is done carefully.
 const TANGLED: usize = 400;
-const FEW: usize = 16;
-
-/// Whether so many inverted elements make a tangle of a body of so many.
-pub(crate) fn is_tangle(inverted: usize, of: usize) -> bool {
-    inverted * TANGLED > of && (inverted > FEW || inverted * 4 > of)
-}
 
 /// Most steps of Newton's method of a stage that goes as usual. Nearly always one does.
 const USUAL_STEPS: u32 = 4;

@@ -11,7 +11,6 @@ use crate::body::Body;
 use crate::element::Element;
 use crate::hold::Hold;
 use crate::motion::{drift, driven, mean};
-use crate::newton::is_tangle;
 use bevy_math::{DMat3, DMat4, DQuat, DVec3, DVec4, Mat3, Vec3};
 use keyhole_whiteboard::TissueState;
 
@@ -25,10 +24,16 @@ const TOLERANCE: f64 = 1e-3;
 /// A hold of several nodes without compliance is a spring this many times as stiff as its nodes.
 const RIGID: f32 = 100.0;
 
+/// A body with more than one in so many elements inverted is tangled, where they are more than a few or a quarter of all: a few may be a bridge of tissue about to be cut through, torn
+/// out of shape by the weight of what hangs on it.
+const TANGLED: usize = 20;
+const FEW: usize = 16;
+
 /// Whether too many of the elements are inverted.
 #[must_use]
 pub fn is_tangled(body: &Body, state: &TissueState) -> bool {
-    is_tangle(body.elements().iter().filter(|e| inverted(e, state)).count(), body.elements().len())
+    let count = body.elements().iter().filter(|e| inverted(e, state)).count();
+    count * TANGLED > body.elements().len() && (count > FEW || count * 4 > body.elements().len())
 }
 
 /// Whether an element is inside out, or flat.

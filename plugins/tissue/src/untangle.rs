@@ -1,15 +1,15 @@
 //! Takes a few tangled places of a body out of their tangle where they are, before a tick.
 //!
 //! Where a tool crushes tissue, or a node was thrown out of it, some dozens of elements are inside out and all others are well. To send the whole body to its rest shape for that
-//! ([`crate::rescue`]) takes it away from what it touches, and what it comes to lie in inverts it again. So the nodes of inverted elements are put where the quadratic
-//! energy of the rescue, summed over the elements around them, is least while all other nodes stay, and go as the nodes around them do on the mean. The rotation
-//! is that of the nodes around a place. Where elements are still inverted the places are made larger by what is next to them. The step after it is one like any other, with all contacts.
+//! ([`crate::rescue`]) takes it away from what it touches, and what it comes to lie in inverts it again; to leave it as it is makes every tick hard, for the energy is far from convex there.
+//! So the nodes of inverted elements are put where the quadratic energy of the rescue, summed over the elements around them, is least while all other nodes stay, and go as the nodes
+//! around them do on the mean. The rotation is that of the nodes around a place. Where elements are still inverted the places are made larger by what is next to them. What is kept is the
+//! state with the fewest inverted elements; the step after it is one like any other, with all contacts.
 
 use crate::body::Body;
 use crate::element::Element;
 use crate::hold::Hold;
-use crate::rescue::{System, spread};
-use crate::rescue::{covariance, inverted, is_tangled, turn};
+use crate::rescue::{System, covariance, inverted, spread, turn};
 use bevy_math::{DMat3, DVec3, Mat3, Vec3};
 use keyhole_whiteboard::TissueState;
 
@@ -22,8 +22,8 @@ const GROWTHS: u32 = 4;
 /// Weight of the nodes of a place against those around it when its rotation is sought: it counts where these leave it open.
 const WITHIN: f64 = 1e-3;
 
-/// Takes the inverted elements of a body out of their tangle, if they are few. Whether it is not tangled any more; if it still is nothing has changed.
-pub(crate) fn step(body: &Body, state: &mut TissueState, holds: &[Hold]) -> bool {
+/// Takes inverted elements of a body out of their tangle, if they are few, as far as that helps.
+pub(crate) fn step(body: &Body, state: &mut TissueState, holds: &[Hold]) {
     let crumbs = &body.implicit.newton.crumbs;
     let mut may_move: Vec<bool> = body.masses().iter().enumerate().map(|(i, m)| *m > 0.0 && !crumbs.contains(i)).collect();
     for node in holds.iter().filter_map(Hold::fixes) {
@@ -31,33 +31,32 @@ pub(crate) fn step(body: &Body, state: &mut TissueState, holds: &[Hold]) -> bool
     }
     let nodes = may_move.iter().filter(|may| **may).count();
     let before = state.clone();
+    let mut best = before.clone();
+    let mut left = usize::MAX;
     let mut loose = vec![false; may_move.len()];
-    for _ in 0..GROWTHS {
-        // The first time the nodes of inverted elements, then those of the elements around what is still inverted.
+    for growth in 0..=GROWTHS {
         let mut core = vec![false; loose.len()];
-        for i in body.elements().iter().filter(|e| inverted(e, state)).flat_map(Element::indices) {
-            core[i] = true;
+        let mut count = 0;
+        for e in body.elements().iter().filter(|e| inverted(e, state)) {
+            e.indices().iter().for_each(|i| core[*i] = true);
+            count += 1;
         }
-        let grown: Vec<usize> = match loose.iter().any(|l| *l) {
-            false => (0..core.len()).filter(|i| core[*i]).collect(),
-            true => around(body, &core).flat_map(Element::indices).collect(),
-        };
-        if grown.is_empty() {
-            break;
+        if count < left {
+            left = count;
+            best.clone_from(state);
         }
-        for i in grown {
-            loose[i] = may_move[i];
+        // The first time the nodes of inverted elements, then those of the elements around what is still inverted.
+        if growth == 0 {
+            (0..core.len()).filter(|i| core[*i]).for_each(|i| loose[i] = may_move[i]);
+        } else {
+            around(body, &core).flat_map(Element::indices).for_each(|i| loose[i] = may_move[i]);
         }
-        if loose.iter().filter(|l| **l).count() * PLACES > nodes {
+        if count == 0 || growth == GROWTHS || loose.iter().filter(|l| **l).count() * PLACES > nodes {
             break;
         }
         settle(body, state, &before, &loose);
     }
-    let out = !is_tangled(body, state);
-    if !out {
-        *state = before;
-    }
-    out
+    *state = best;
 }
 
 /// The elements with a corner among nodes.
@@ -67,89 +66,94 @@ fn around<'a>(body: &'a Body, among: &'a [bool]) -> impl Iterator<Item = &'a Ele
 
 /// Puts the nodes that are loose where those around them want them; velocities are those before.
 fn settle(body: &Body, state: &mut TissueState, before: &TissueState, loose: &[bool]) {
-    let elements: Vec<&Element> = around(body, loose).collect();
-    let place_of = places(&elements, loose);
-    // What is around each place, and then what is in it: mass, place at rest and place.
-    let count = place_of.iter().copied().max().map_or(0, |most| most as usize + 1);
-    let mut rims: Vec<Vec<usize>> = vec![Vec::new(); count];
-    let mut insides: Vec<Vec<usize>> = vec![Vec::new(); count];
-    let of: Vec<usize> =
-        elements.iter().map(|e| e.indices().iter().filter(|i| loose[**i]).map(|i| place_of[*i] as usize).next().unwrap_or(0)).collect();
-    for (e, place) in elements.iter().zip(&of) {
-        for i in e.indices() {
-            if loose[i] { &mut insides[*place] } else { &mut rims[*place] }.push(i);
+    // Only what is around: of a large body little is.
+    let mut nodes: Vec<usize> = around(body, loose).flat_map(Element::indices).collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    let here = |i: usize| nodes.partition_point(|n| *n < i) as u32;
+    let elements: Vec<Element> = around(body, loose).map(|e| Element { nodes: e.indices().map(here), ..*e }).collect();
+    let free: Vec<bool> = nodes.iter().map(|i| loose[*i]).collect();
+    let mut positions: Vec<Vec3> = nodes.iter().map(|i| state.positions[*i]).collect();
+    let places = Places::of(&elements, &free);
+    let point = |i: usize| (f64::from(body.masses()[nodes[i]]), body.rest()[nodes[i]].as_dvec3(), positions[i].as_dvec3());
+    let turns: Vec<Mat3> = places.rims.iter().zip(&places.insides).map(|(rim, inside)| rotation(rim, inside, &point)).collect();
+    for (rim, inside) in places.rims.iter().zip(&places.insides) {
+        let (mass, momentum) = rim.iter().fold((0.0, DVec3::ZERO), |(mass, sum), i| {
+            let m = f64::from(body.masses()[nodes[*i]]);
+            (mass + m, sum + before.velocities[nodes[*i]].as_dvec3() * m)
+        });
+        if mass > 0.0 {
+            inside.iter().for_each(|i| state.velocities[nodes[*i]] = (momentum / mass).as_vec3());
         }
     }
-    let mut turns = Vec::with_capacity(count);
-    for (rim, inside) in rims.iter_mut().zip(&mut insides) {
-        for list in [&mut *rim, &mut *inside] {
+    let mut residual = vec![Vec3::ZERO; nodes.len()];
+    for (e, place) in elements.iter().zip(&places.of) {
+        let at = e.indices();
+        let strain = turns[*place] - e.deformation(at.map(|i| positions[i]));
+        spread(&mut residual, at, strain * e.inverse_rest.transpose() * (e.volume * e.material.mu));
+    }
+    let solution = System::around(elements.iter().collect(), free).solve(residual);
+    for (x, d) in positions.iter_mut().zip(solution) {
+        *x += d;
+    }
+    for (i, x) in nodes.iter().zip(positions).filter(|(i, _)| loose[**i]) {
+        state.positions[*i] = x;
+    }
+}
+
+/// What hangs together of elements by nodes that are free.
+struct Places {
+    /// By element.
+    of: Vec<usize>,
+    /// The nodes around each place, which are not free, and those in it; ascending.
+    rims: Vec<Vec<usize>>,
+    insides: Vec<Vec<usize>>,
+}
+
+impl Places {
+    /// Of elements each of which has a free node.
+    fn of(elements: &[Element], free: &[bool]) -> Self {
+        let mut parent: Vec<usize> = (0..free.len()).collect();
+        let root = |parent: &mut Vec<usize>, mut i: usize| {
+            while parent[i] != i {
+                parent[i] = parent[parent[i]];
+                i = parent[i];
+            }
+            i
+        };
+        let inside = |e: &Element| e.indices().into_iter().filter(|i| free[*i]);
+        for e in elements {
+            let roots: Vec<usize> = inside(e).map(|i| root(&mut parent, i)).collect();
+            let least = roots.iter().copied().min().unwrap_or_default();
+            roots.into_iter().for_each(|r| parent[r] = least);
+        }
+        let roots: Vec<usize> = elements.iter().map(|e| inside(e).next().map_or(0, |i| root(&mut parent, i))).collect();
+        let mut names = roots.clone();
+        names.sort_unstable();
+        names.dedup();
+        let of: Vec<usize> = roots.into_iter().map(|r| names.partition_point(|n| *n < r)).collect();
+        let (mut rims, mut insides) = (vec![Vec::new(); names.len()], vec![Vec::new(); names.len()]);
+        for (e, place) in elements.iter().zip(&of) {
+            for i in e.indices() {
+                if free[i] { &mut insides[*place] } else { &mut rims[*place] }.push(i);
+            }
+        }
+        for list in rims.iter_mut().chain(&mut insides) {
             list.sort_unstable();
             list.dedup();
         }
-        turns.push(rotation(body, state, rim, inside));
-        let (mass, momentum) = rim.iter().fold((0.0, DVec3::ZERO), |(mass, sum), i| {
-            let m = f64::from(body.masses()[*i]);
-            (mass + m, sum + before.velocities[*i].as_dvec3() * m)
-        });
-        if mass > 0.0 {
-            inside.iter().for_each(|i| state.velocities[*i] = (momentum / mass).as_vec3());
-        }
-    }
-    let system = System::around(elements, loose.to_vec());
-    let mut residual = vec![Vec3::ZERO; loose.len()];
-    for (e, place) in system.elements.iter().zip(&of) {
-        let at = e.indices();
-        let strain = turns[*place] - e.deformation(at.map(|i| state.positions[i]));
-        spread(&mut residual, at, strain * e.inverse_rest.transpose() * (e.volume * e.material.mu));
-    }
-    for (x, d) in state.positions.iter_mut().zip(system.solve(residual)) {
-        *x += d;
+        Self { of, rims, insides }
     }
 }
 
-/// The number of the place that each loose node is in: nodes of one element are in one place.
-fn places(elements: &[&Element], loose: &[bool]) -> Vec<u32> {
-    let mut parent: Vec<u32> = (0..loose.len() as u32).collect();
-    fn root(parent: &mut [u32], mut i: u32) -> u32 {
-        while parent[i as usize] != i {
-            parent[i as usize] = parent[parent[i as usize] as usize];
-            i = parent[i as usize];
-        }
-        i
-    }
-    for e in elements {
-        let mut corners = e.indices().into_iter().filter(|i| loose[*i]);
-        let Some(first) = corners.next() else { continue };
-        for other in corners {
-            let (a, b) = (root(&mut parent, first as u32), root(&mut parent, other as u32));
-            parent[a.max(b) as usize] = a.min(b);
-        }
-    }
-    let mut number = vec![0; loose.len()];
-    let mut count = 0;
-    for i in (0..loose.len()).filter(|i| loose[*i]) {
-        let root = root(&mut parent, i as u32) as usize;
-        if root == i {
-            number[i] = count;
-            count += 1;
-        } else {
-            number[i] = number[root];
-        }
-    }
-    number
-}
-
-/// The rotation of what is around a place, and where that leaves it open of the place.
-fn rotation(body: &Body, state: &TissueState, rim: &[usize], inside: &[usize]) -> Mat3 {
-    let points = |nodes: &[usize]| -> Vec<(f64, DVec3, DVec3)> {
-        nodes.iter().map(|i| (f64::from(body.masses()[*i]), body.rest()[*i].as_dvec3(), state.positions[*i].as_dvec3())).collect()
-    };
-    let scaled = |m: DMat3| {
+/// The rotation of what is around a place, and where that leaves it open of the place. `point` tells mass, place at rest and place of a node.
+fn rotation(rim: &[usize], inside: &[usize], point: &impl Fn(usize) -> (f64, DVec3, DVec3)) -> Mat3 {
+    let scaled = |nodes: &[usize]| {
+        let m = covariance(&nodes.iter().map(|i| point(*i)).collect::<Vec<_>>());
         let size = m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
         if size > 0.0 { m * size.recip() } else { m }
     };
-    let sum = scaled(covariance(&points(rim))) + scaled(covariance(&points(inside))) * WITHIN;
-    DMat3::from_quat(turn(sum)).as_mat3()
+    DMat3::from_quat(turn(scaled(rim) + scaled(inside) * WITHIN)).as_mat3()
 }
 
 #[cfg(test)]
@@ -202,7 +206,7 @@ mod tests {
             // A corner may be thrown out and nothing be inverted: it is left where it is.
             prop_assume!(out.iter().all(|i| touched[*i] || held(*i)));
             let before = body.elements().iter().filter(|e| inverted(e, &state)).count();
-            prop_assert!(step(&body, &mut state, &holds));
+            step(&body, &mut state, &holds);
             prop_assert_eq!(body.elements().iter().filter(|e| inverted(e, &state)).count(), 0, "of {}", before);
             for i in 0..state.positions.len() {
                 if held(i) {
@@ -224,7 +228,7 @@ mod tests {
         let mut state = TissueState::at_rest(&mesh);
         state.positions.iter_mut().for_each(|x| x.x = -x.x);
         let before = state.clone();
-        assert!(!step(&body, &mut state, &[]));
+        step(&body, &mut state, &[]);
         assert_eq!(state, before);
     }
 }

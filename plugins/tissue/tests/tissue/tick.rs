@@ -102,10 +102,11 @@ fn a_fragment_inherits_its_share() {
         mesh.remove_node(*n);
     }
     let delta = mesh.take_delta();
-    let held = *donor_nodes.last().unwrap();
+    // A face of the piece: what is held at less is not held.
+    let held: Vec<NodeId> = end[0].1[..3].to_vec();
     let kept = NodeId(0);
     let at = |n: NodeId| Attachment::node_to_space(n, Vec3::ZERO, 1e6);
-    app.world_mut().entity_mut(donor).insert((TissueMesh(mesh), Attachments(vec![at(kept), at(held)])));
+    app.world_mut().entity_mut(donor).insert((TissueMesh(mesh), Attachments([kept].into_iter().chain(held).map(at).collect())));
     let fragment = organ(&mut app, piece);
     app.world_mut().write_message(TopologyChanged { organ: donor, delta });
     // Cutting does this within the tick; the body of the fragment must not exist before.
@@ -125,11 +126,11 @@ fn a_fragment_inherits_its_share() {
     assert!((after - before.linear).length() < 1e-3 * before.scale, "{after} from {}", before.linear);
     assert_eq!(app.world().get::<Attachments>(donor).unwrap().0.len(), 1);
     let inherited = &app.world().get::<Attachments>(fragment).unwrap().0;
-    assert_eq!(inherited.len(), 1);
-    let node = inherited[0].point[0].0;
-    assert!(
-        positions(&app, fragment)[node.index()].distance(app.world().get::<TissueMesh>(fragment).unwrap().0.rest(node).as_vec3()) < 0.02
-    );
+    assert_eq!(inherited.len(), 3);
+    let rest_of = |n: NodeId| app.world().get::<TissueMesh>(fragment).unwrap().0.rest(n).as_vec3();
+    for node in inherited.iter().map(|a| a.point[0].0) {
+        assert!(positions(&app, fragment)[node.index()].distance(rest_of(node)) < 0.02);
+    }
     let report = app.world().resource::<TissueReport>();
     assert_eq!(report.adoptions, 1);
     assert!(report.momentum_error < 1e-6, "{report:?}");
