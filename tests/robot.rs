@@ -23,6 +23,8 @@ use std::collections::HashMap;
 const SLICE_M: f32 = 0.012;
 /// Seconds at the end of each minute, or of a shorter run, in which the hands are away and nothing is asked of the tissue.
 const REST_S: f64 = 4.0;
+/// How far in a tool stays that is drawn back, m.
+const WITHDRAWN_M: f32 = 0.05;
 /// How deep a point may be in something when the hands have been away for so long, m.
 const DEEPEST_AT_REST_M: f32 = 0.002;
 /// How many times as long as at rest an organ or a piece may be.
@@ -40,8 +42,8 @@ fn resident_bytes() -> Option<u64> {
     Some(pages * 4096)
 }
 
-/// After so many strokes it cuts no more: there would be nothing left to push and to pull.
-const MOST_STROKES: u32 = 30;
+/// So many strokes it makes when it begins, and then one a minute: faster, there would soon be nothing left to push and to pull.
+const FIRST_STROKES: u32 = 3;
 /// Most nodes of a crumb. One that has come about in the last ticks is measured against the organ that it was a part of: a strand is drawn long by what hangs on it before
 /// it parts.
 const CRUMB: usize = 64;
@@ -88,7 +90,7 @@ impl Robot {
     fn spot(&mut self, skin: &Skin, port: Vec3) -> (Vec3, Vec3) {
         for _ in 0..1000 {
             let (point, normal) = skin.points[self.rng.random_range(0..skin.points.len())];
-            if normal.dot((port - point).normalize()) > 0.4 {
+            if normal.dot((port - point).normalize()) > 0.4 && point.distance(port) > 1.2 * WITHDRAWN_M {
                 return (point, normal);
             }
         }
@@ -165,12 +167,16 @@ impl Robot {
         ]
     }
 
-    fn track(&mut self, hand: Hand, keys: Vec<(f64, Vec3, f32, bool)>) -> HandTrack {
+    /// From one action to the next a hand draws its tool back through the port, turns it there and goes in again, as hands do: straight from place to place it may pass its own
+    /// port, and a shaft that turns about there is swung round faster than any hand.
+    fn track(&mut self, hand: Hand, port: Vec3, keys: Vec<(f64, Vec3, f32, bool)>) -> HandTrack {
         let tip = &mut self.tips[usize::from(hand == Hand::Right)];
-        let start = HandKey { time_s: 0.0, tip: *tip, roll_rad: 0.0, grip: 0.0, active: false };
+        let (begin, (first_s, first)) = (*tip, (keys[0].0, keys[0].1));
         *tip = keys.last().unwrap().1;
+        let drawn_back = |from: Vec3| port + (from - port).clamp_length_max(WITHDRAWN_M);
+        let way = [(0.0, begin), (0.35 * first_s, drawn_back(begin)), (0.7 * first_s, drawn_back(first))];
         let key = |(time_s, tip, grip, active)| HandKey { time_s, tip, roll_rad: 0.0, grip, active };
-        HandTrack { hand, keys: std::iter::once(start).chain(keys.into_iter().map(key)).collect() }
+        HandTrack { hand, keys: way.map(|(time_s, tip)| (time_s, tip, 0.0, false)).into_iter().chain(keys).map(key).collect() }
     }
 }
 
@@ -210,7 +216,8 @@ fn a_random_robot_breaks_nothing() {
     for tick in 0..ticks {
         let resting = tick % minute >= minute - rest;
         if resting && tick % minute == minute - rest {
-            let leave = |robot: &mut Robot, hand| robot.track(hand, vec![(0.5, home[usize::from(hand == Hand::Right)], 0.0, false)]);
+            let leave =
+                |robot: &mut Robot, hand| robot.track(hand, port(hand), vec![(0.5, home[usize::from(hand == Hand::Right)], 0.0, false)]);
             let tracks = vec![leave(&mut robot, Hand::Left), leave(&mut robot, Hand::Right)];
             perform(&mut app, tracks);
         } else if (tick % minute).is_multiple_of(act) && tick % minute + act <= minute - rest {
@@ -225,7 +232,7 @@ fn a_random_robot_breaks_nothing() {
             let of = |e: Entity, world: &World| Skin::of(world.get::<TissueMesh>(e).unwrap(), world.get::<TissueState>(e).unwrap());
             let (skin, organ) = (of(chosen, app.world()), of(whole, app.world()));
             let strokes = app.world().resource::<CutStatus>().strokes;
-            let cuts = (tick as f64) < CUTTING_SHARE * ticks as f64 && strokes < MOST_STROKES;
+            let cuts = (tick as f64) < CUTTING_SHARE * ticks as f64 && strokes < FIRST_STROKES + (tick / minute) as u32;
             let right = match robot.rng.random_range(0..4) {
                 0 if cuts => robot.slice(&organ, port(Hand::Right)),
                 1 if cuts => robot.incise(&organ, port(Hand::Right)),
@@ -233,10 +240,9 @@ fn a_random_robot_breaks_nothing() {
             };
             let left =
                 if robot.rng.random_range(0..3) == 0 { robot.push(&skin, port(Hand::Left)) } else { robot.pull(&skin, port(Hand::Left)) };
-            let tracks = vec![robot.track(Hand::Left, left), robot.track(Hand::Right, right)];
+            let tracks = vec![robot.track(Hand::Left, port(Hand::Left), left), robot.track(Hand::Right, port(Hand::Right), right)];
             perform(&mut app, tracks);
         }
-        eprintln!("TICK {tick}");
         app.update();
         assert_eq!(faults(), 0, "a system failed in tick {tick}");
         let still = tick % minute + 1 == minute;
