@@ -4,7 +4,7 @@ use crate::meshes::{Thing, block};
 use bevy_ecs::prelude::*;
 use bevy_math::{Isometry3d, Quat, Vec3};
 use keyhole_collision::anatomy::SolidSurface;
-use keyhole_collision::contacts::{Party, with_tool_within, with_tools};
+use keyhole_collision::contacts::{MovedPart, Party, with_tool_within, with_tools};
 use keyhole_collision::meet::{part_against_part, part_against_surface};
 use keyhole_collision::tool::{Motion, ToolPart};
 use keyhole_collision::{Body, Detector, Grading, Hit, Shape, mean_rest_edge_m};
@@ -56,6 +56,44 @@ fn pushed(thing: &Thing, velocity: Vec3, contacts: &[Contact], way: Vec3) -> f32
         (along > 0.05).then(|| missing / along)
     };
     contacts.iter().filter_map(needed).fold(0.0, f32::max)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(256))]
+
+    /// Two parts that go and turn, and tissue that moves: the contacts are those of every part with every face of the surface, one by one, in that order.
+    #[test]
+    fn no_face_is_passed_over(
+        turns in prop::array::uniform2(prop::array::uniform3(-3f32..3.0)),
+        ways in prop::array::uniform2(prop::array::uniform3(-0.03f32..0.03)),
+        twist in prop::array::uniform3(-0.6f32..0.6),
+        velocity in prop::array::uniform3(-2f32..2.0),
+    ) {
+        let flap = flap();
+        let entity = World::new().spawn_empty().id();
+        let velocities = vec![Vec3::from_array(velocity); flap.positions.len()];
+        let party = party(&flap, &velocities);
+        let motion = |k: usize| {
+            let from = Isometry3d::new(Vec3::from_array(ways[1 - k]) / 3.0, Quat::from_scaled_axis(Vec3::from_array(turns[k])));
+            let to = Isometry3d::new(Vec3::from(from.translation) + Vec3::from_array(ways[k]), Quat::from_scaled_axis(Vec3::from_array(twist)) * from.rotation);
+            Motion { from, to, dt_s: DT }
+        };
+        let (parts, motions) = (parts(), [motion(0), motion(1)]);
+        let moved: Vec<MovedPart> = parts.iter().zip(&motions).map(|(p, m)| (entity, p, m, 0.2)).collect();
+        let mut contacts = Vec::new();
+        let faces = with_tools(&party, &moved, 0.0005, &mut contacts);
+        prop_assert_eq!(faces, 2 * flap.shape.triangles().count());
+        let mut expected = Vec::new();
+        for (part, motion) in parts.iter().zip(&motions) {
+            for nodes in flap.shape.triangles() {
+                let corners = nodes.map(|n| flap.positions[n.index()]);
+                let touch = part.touch(motion, corners, corners.map(|p| p + velocities[0] * DT), 0.0005);
+                expected.extend(touch.map(|t| (nodes, t.surface_m, t.normal)));
+            }
+        }
+        let found: Vec<_> = contacts.iter().map(|c| ([0, 1, 2].map(|i| c.point[i].0), c.surface_m, c.normal)).collect();
+        prop_assert_eq!(found, expected);
+    }
 }
 
 proptest! {
