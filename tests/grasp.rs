@@ -115,3 +115,31 @@ fn what_is_held_follows_and_what_is_let_go_goes_back() {
     assert_eq!((grasp(&app, tool).points, held(&mut app, tool)), (0, 0));
     assert!(moved(&mut app) < 2e-4, "{} m", moved(&mut app));
 }
+
+/// Jaws that have hold of what is nailed down and go aside, so that one of them shoves: no friction limits what a pad can press, but tissue that is drawn out gives way at
+/// the points where it is.
+#[test]
+fn tissue_that_is_drawn_too_far_is_lost() {
+    let most = GraspSettings::default().most_stretch;
+    let deep = Vec3::new(0.008, 0.001, 0.0);
+    let aside = deep + 0.04 * Vec3::Z;
+    let way = [(0.0, deep + 0.03 * Vec3::Y, 0.0), (0.6, deep, 0.0), (1.2, deep, 0.8), (2.0, aside, 0.8), (4.0, aside, 0.8)];
+    let (mut app, tool) = theatre(&way);
+    let mut points = 0;
+    for _ in 0..220 {
+        app.update();
+        points = points.max(grasp(&app, tool).points);
+    }
+    let world = app.world_mut();
+    let (mesh, state, attachments) = world.query::<(&TissueMesh, &TissueState, &Attachments)>().single(world).unwrap();
+    let edge = |a: NodeId, b: NodeId| state.position(a).distance(state.position(b)) / mesh.0.rest(a).distance(mesh.0.rest(b)) as f32;
+    let drawn = |c: &[NodeId]| c.iter().flat_map(|a| c.iter().filter(move |b| a != *b).map(move |b| edge(*a, *b))).fold(0.0, f32::max);
+    let nodes = |a: &Attachment| a.point.iter().map(|(n, _)| *n).collect::<Vec<_>>();
+    let by_tool = attachments.0.iter().filter(|a| matches!(a.anchor, Anchor::Tool { .. }));
+    let held = by_tool.map(|a| drawn(&nodes(a))).fold(0.0, f32::max);
+    let anywhere = mesh.0.iter().map(|(_, corners)| drawn(&corners)).fold(0.0, f32::max);
+    println!("{points} points held, then {}; drawn to {held} times where held, to {anywhere} anywhere", grasp(&app, tool).points);
+    assert!(points > grasp(&app, tool).points, "none of {points} points was lost");
+    assert!(held <= most, "drawn to {held} times where it is held");
+    assert!(anywhere > most, "the pull draws tissue too far: {anywhere}");
+}

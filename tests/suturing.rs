@@ -10,7 +10,7 @@ use bevy::prelude::*;
 use bevy::time::{TimePlugin, TimeUpdateStrategy};
 use common::cubes;
 use keyhole_grasping::GraspingPlugin;
-use keyhole_instruments::{InstrumentsPlugin, PortFrame, TrocarState, working_reach};
+use keyhole_instruments::{InstrumentsPlugin, PortFrame, ProxySettings, TrocarState, working_reach};
 use keyhole_suturing::SuturingPlugin;
 use keyhole_tetmesh::TetMesh;
 use keyhole_tissue::{TissuePlugin, TissueSettings};
@@ -56,7 +56,9 @@ impl Theatre {
             .insert_resource(Time::<Fixed>::from_hz(60.0))
             .insert_resource(TimeUpdateStrategy::FixedTimesteps(1))
             .insert_resource(SceneRequirements { tissue: true, instruments: true, suturing: true, ..default() })
-            .insert_resource(Gravity(Vec3::ZERO));
+            .insert_resource(Gravity(Vec3::ZERO))
+            // What is held is put where it belongs at once.
+            .insert_resource(ProxySettings { fastest_m_s: f32::INFINITY, ..default() });
         app.world_mut().resource_mut::<TissueSettings>().drag_1_s = 20.0;
         // No mouse: where the hands are is told below.
         app.world_mut().resource_mut::<SimulationControl>().demonstration = true;

@@ -31,6 +31,14 @@ pub fn is_whole(mesh: &TetMesh, point: &TissuePoint) -> bool {
     mesh.contains_node(*first) && mesh.topology().around_node(*first).iter().any(|t| has_all(mesh.corners(*t)))
 }
 
+/// How many times as long as at rest the longest drawn edge between a point's nodes is; zero for a point of one node. `positions` are by node slot, m.
+#[must_use]
+pub fn stretch(mesh: &TetMesh, positions: &[Vec3], point: &TissuePoint) -> f32 {
+    let ratio = |a: NodeId, b: NodeId| positions[a.index()].distance(positions[b.index()]) / mesh.rest(a).distance(mesh.rest(b)) as f32;
+    let pairs = point.iter().enumerate().flat_map(|(i, (a, _))| point[i + 1..].iter().map(|(b, _)| (*a, *b)));
+    pairs.map(|(a, b)| ratio(a, b)).fold(0.0, f32::max)
+}
+
 /// Where a point of tissue is, m.
 #[must_use]
 pub fn position(point: &TissuePoint, positions: &[Vec3]) -> Vec3 {
@@ -69,6 +77,10 @@ mod tests {
             assert!(is_whole(&mesh, found));
         }
         assert_eq!(found[2], None);
+        // Along x it is drawn to twice its length; the second tetrahedron has no edge along x alone: sqrt(4 + 1) of sqrt(2) is its longest.
+        let drawn = |i: usize| stretch(&mesh, &moved, found[i].as_ref().unwrap());
+        assert!((drawn(0) - 2.0).abs() < 1e-6, "{}", drawn(0));
+        assert!((drawn(1) - 2.5_f32.sqrt()).abs() < 1e-6, "{}", drawn(1));
         let second = mesh.iter().nth(1).unwrap().0;
         mesh.remove_tet(second);
         assert!(is_whole(&mesh, found[0].as_ref().unwrap()) && !is_whole(&mesh, found[1].as_ref().unwrap()));

@@ -2,7 +2,7 @@
 
 use crate::bruise::{cell_area_m2, follow, mark, severity, worsens};
 use crate::friction;
-use crate::locate::{is_whole, position, tissue_at};
+use crate::locate::{is_whole, position, stretch, tissue_at};
 use crate::pads::{CELLS, Jaw, PadPoint, centres};
 use crate::settings::GraspSettings;
 use bevy_app::prelude::*;
@@ -122,7 +122,7 @@ fn grasp(
             }
             attachments.0.retain_mut(|a| {
                 let Some(local) = tool_point(a, instrument) else { return true };
-                if !is_whole(&mesh.0, &a.point) {
+                if !is_whole(&mesh.0, &a.point) || stretch(&mesh.0, &state.positions, &a.point) > settings.most_stretch {
                     return false;
                 }
                 let pad = Vec3::from(pose.before.transform_point(local));
@@ -135,7 +135,7 @@ fn grasp(
             });
         }
         if grip.takes {
-            take_hold(instrument, &mut tally, pads, pose, now_rad, compliance, &mut organs);
+            take_hold(instrument, &mut tally, pads, pose, now_rad, &settings, &mut organs);
         }
         tally.grasp.pinch_n /= 2.0;
         tally.grasp.pull_n = pose.before.rotation * tally.grasp.pull_n;
@@ -218,9 +218,10 @@ fn take_hold(
     pads: &JawPads,
     pose: &InstrumentPose,
     angle_rad: f32,
-    compliance_m_n: f32,
+    settings: &GraspSettings,
     organs: &mut [(Entity, &TissueMesh, &TissueState, Mut<Attachments>)],
 ) {
+    let compliance_m_n = CELLS as f32 / settings.stiffness_n_m;
     let mut empty: Vec<PadPoint> = centres(pads).zip(tally.cells).filter(|(_, held)| !held).map(|(point, _)| point).collect();
     for (_, mesh, state, attachments) in organs {
         // An organ that has no state yet, or was cut in this very tick.
@@ -231,7 +232,8 @@ fn take_hold(
         let places: Vec<Vec3> = empty.iter().map(|p| pose.before.transform_point(p.place(pads, angle_rad)).into()).collect();
         let mut found = tissue_at(&mesh.0, &state.positions, &places).into_iter();
         empty.retain(|point| {
-            let Some(tissue) = found.next().flatten() else { return true };
+            let bears = |tissue: &TissuePoint| stretch(&mesh.0, &state.positions, tissue) <= settings.most_stretch;
+            let Some(tissue) = found.next().flatten().filter(bears) else { return true };
             let anchor = Anchor::Tool { instrument, local: point.place(pads, angle_rad) };
             attachments.0.push(Attachment { point: tissue, anchor, compliance_m_n, until_s: f64::INFINITY });
             tally.jaws[usize::from(point.jaw == Jaw::Lower)] += 1;
