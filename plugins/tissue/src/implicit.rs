@@ -26,31 +26,26 @@
 //! the tangent and as many steps of Newton's method as the energy wants: it goes down, whatever the state. A tick that begins with a tangle is left to
 //! [`crate::rescue`].
 
+mod conserve;
+mod substep;
+
 use crate::body::Body;
-use crate::gradients::{Spring, Stop};
+use crate::gradients::Spring;
 use crate::hold::Hold;
 use crate::island::Member;
 use crate::membrane::Membrane;
-use crate::newton::{Astray, Care, FRESH, Newton, Part, Tangent, Tissue, Weights, minimise};
+use crate::newton::{Astray, Newton, Tissue};
 use crate::rescue;
 use crate::settings::{TimeStepping, TissueSettings};
 use crate::touches::{Grips, Touches};
-use bevy_math::{DMat3, DVec3, Vec3, Vec3A};
+use bevy_math::{Vec3, Vec3A};
+use conserve::mean;
 use keyhole_whiteboard::{TissuePoint, TissueState};
 use smallvec::SmallVec;
-use std::f32::consts::FRAC_1_SQRT_2;
-
-/// `c`: each stage is a step of backward Euler of this share of the substep.
-const STAGE: f32 = 1.0 - FRAC_1_SQRT_2;
+use substep::{careful_substep, substep_of};
 
 /// A point of several nodes held without compliance is held by a spring this many times as stiff as the tissue at the point.
 const STIFF: f32 = 100.0;
-
-/// Root mean square of the displacement, as a share of the body's size, that conjugate gradients do not care about.
-const FINE: f64 = 3e-7;
-
-/// Part of its energy that a body may gain in a substep of several steps of Newton's method, by the error of the method.
-const GAIN: f64 = 0.05;
 
 /// A body that has needed care for so long, s, is not coming out of it by itself: it is rescued as one that is tangled. Ticks without care count half against it.
 const ASTRAY_S: f32 = 0.5;
@@ -247,195 +242,6 @@ pub(crate) fn is_lost(body: &Body, state: &TissueState) -> bool {
     body.implicit.is_astray() || rescue::is_tangled(body, state)
 }
 
-fn substep_of(movers: &mut [Mover<'_>], touches: &mut Touches, step: Step, settings: &TissueSettings) -> Result<(), Astray> {
-    if settings.stepping == TimeStepping::TwoSteps && movers.iter().all(|m| m.solver.past.leads_to(m.state, step.h)) {
-        let whole = Stage::new(step.h * (2.0 / 3.0), step.h / 3.0, settings);
-        for Mover { solver, state, .. } in movers.iter_mut() {
-            solver.begin(state);
-            for (i, (from, with)) in solver.from.iter_mut().zip(&mut solver.with).enumerate() {
-                *from += (*from - Vec3A::from(solver.past.before.positions[i])) / 3.0;
-                *with += (*with - Vec3A::from(solver.past.before.velocities[i])) / 3.0;
-            }
-        }
-        stage_of(movers, touches, step, whole, settings, Care::Usual, Tangent::Own)?;
-        let doubtful = movers.iter().any(|m| m.solver.newton.rounds > 1);
-        return finish_unless_gained(movers, touches, step, whole, settings, doubtful);
-    }
-    let lasting = touches.last();
-    let length = if lasting { step.h / 2.0 } else { STAGE * step.h };
-    let first = Stage::new(length, 0.0, settings);
-    movers.iter_mut().for_each(|m| m.solver.begin(m.state));
-    stage_of(movers, touches, step, first, settings, Care::Usual, Tangent::Own)?;
-    // Where one step was enough the tangent hardly changes.
-    let hard = movers.iter().any(|m| m.solver.newton.rounds > 1);
-    if lasting || touches.push() {
-        // What a contact does is no smooth force: it is not gone on with. The first stage was a step of backward Euler, and so is the rest.
-        touches.finish(length);
-        let rest = Stage::new(step.h - length, length, settings);
-        for Mover { solver, .. } in movers.iter_mut() {
-            for ((from, with), first) in solver.from.iter_mut().zip(&mut solver.with).zip(&solver.velocity) {
-                *from += *first * length;
-                *with = *first;
-            }
-        }
-        let kept = if lasting && movers.iter().all(|m| m.solver.newton.rounds < FRESH) { Tangent::Kept } else { Tangent::Own };
-        stage_of(movers, touches, step, rest, settings, Care::Usual, kept)?;
-        let doubtful = hard || movers.iter().any(|m| m.solver.newton.rounds > 1);
-        return finish_unless_gained(movers, touches, step, rest, settings, doubtful);
-    }
-    let kept = if hard { Tangent::Own } else { Tangent::Kept };
-    let second = Stage { before: step.h - length, ..first };
-    for Mover { solver, .. } in movers.iter_mut() {
-        for ((from, with), first) in solver.from.iter_mut().zip(&mut solver.with).zip(&solver.velocity) {
-            *from += *first * second.before;
-            *with += (*first - *with) * (second.before / length);
-        }
-    }
-    stage_of(movers, touches, step, second, settings, Care::Usual, kept)?;
-    let doubtful = hard || movers.iter().any(|m| m.solver.newton.rounds > 1);
-    finish_unless_gained(movers, touches, step, second, settings, doubtful)
-}
-
-/// Ends a substep; one that is in doubt is taken back when it gave the bodies energy. What took one step of Newton's method a stage is not in doubt.
-fn finish_unless_gained(
-    movers: &mut [Mover<'_>],
-    touches: &mut Touches,
-    step: Step,
-    last: Stage,
-    settings: &TissueSettings,
-    doubtful: bool,
-) -> Result<(), Astray> {
-    // What is moved is given energy.
-    let doubtful = doubtful && movers.iter().all(|m| m.holds.iter().all(|hold| hold.from == hold.to));
-    for m in movers.iter_mut() {
-        if doubtful {
-            copy(&mut m.solver.kept, m.state);
-        }
-        m.solver.finish(m.state, m.holds, step, last, settings);
-    }
-    if doubtful && has_gained(movers, touches, step) {
-        for m in movers.iter_mut() {
-            copy(m.state, &m.solver.kept);
-        }
-        return Err(Astray::Wild);
-    }
-    touches.finish(last.length);
-    Ok(())
-}
-
-/// Backward Euler, downhill.
-fn careful_substep(movers: &mut [Mover<'_>], touches: &mut Touches, step: Step, settings: &TissueSettings) {
-    let whole = Stage { reach: step.h, ..Stage::new(step.h, 0.0, settings) };
-    for m in movers.iter_mut() {
-        m.solver.begin(m.state);
-        // From where it is: going downhill needs a state that is no worse.
-        m.solver.velocity.fill(Vec3A::ZERO);
-    }
-    // Going downhill finds no fault.
-    let _ = stage_of(movers, touches, step, whole, settings, Care::Downhill, Tangent::Own);
-    touches.finish(whole.length);
-    for m in movers.iter_mut() {
-        m.solver.finish(m.state, m.holds, step, whole, settings);
-        m.solver.past.h = 0.0;
-    }
-}
-
-/// Finds the velocities of a stage.
-fn stage_of(
-    movers: &mut [Mover<'_>],
-    touches: &mut Touches,
-    step: Step,
-    stage: Stage,
-    settings: &TissueSettings,
-    care: Care,
-    tangent: Tangent,
-) -> Result<(), Astray> {
-    let inertia = (1.0 + stage.drag) / (stage.length * stage.reach);
-    let mut least = 0.0;
-    for m in movers.iter_mut() {
-        let tissue = Tissue { body: m.body, membrane: m.membrane };
-        m.solver.set_out(tissue, m.state, m.holds, step, stage, !touches.is_empty());
-        let mass: f64 = m.body.masses.iter().map(|m| f64::from(*m)).sum();
-        least += mass * f64::from(inertia) * (FINE * m.body.size(mass)).powi(2);
-    }
-    let time_s = (step.end - step.share) * step.dt + stage.before;
-    touches.begin(|part| &movers[part].solver.from, time_s, stage.length, stage.reach);
-    let stop = Stop { tolerance: settings.tolerance, hasty: (settings.tolerance, 0.0), least, iterations: settings.iterations };
-    let weights = Weights { inertia, drag: stage.drag / stage.length, reach: stage.reach };
-    let mut parts: SmallVec<[Part<'_>; 2]> = SmallVec::new();
-    for m in movers.iter_mut() {
-        parts.push(Part { tissue: Tissue { body: m.body, membrane: m.membrane }, newton: &mut m.solver.newton });
-    }
-    minimise(&mut parts, touches, weights, care, tangent, stop)?;
-    drop(parts);
-    for m in movers.iter_mut() {
-        m.solver.take_velocities(stage);
-    }
-    if movers.iter().all(|m| m.holds.is_empty()) && !touches.bear() {
-        fall_together(movers, step, stage);
-        if touches.push() {
-            turn_together(movers, stage);
-        }
-    }
-    Ok(())
-}
-
-/// Bodies that touch nothing but each other keep the angular momentum that they have together: what truncation made of it is given back as a turn of all.
-fn turn_together(movers: &mut [Mover<'_>], stage: Stage) {
-    let sums = |of: &dyn Fn(&Implicit, usize) -> (DVec3, DVec3)| {
-        let (mut mass, mut middle, mut spin, mut inertia) = (0.0, DVec3::ZERO, DVec3::ZERO, DMat3::ZERO);
-        let mut momentum = DVec3::ZERO;
-        for m in &*movers {
-            for (i, own) in m.body.masses.iter().enumerate().filter(|(_, own)| **own > 0.0) {
-                let ((x, v), own) = (of(&m.solver, i), f64::from(*own));
-                mass += own;
-                middle += x * own;
-                momentum += v * own;
-                spin += x.cross(v) * own;
-                inertia += (DMat3::from_diagonal(DVec3::splat(x.length_squared())) - DMat3::from_cols(x * x.x, x * x.y, x * x.z)) * own;
-            }
-        }
-        let c = middle / mass;
-        let offset = DMat3::from_diagonal(DVec3::splat(c.length_squared())) - DMat3::from_cols(c * c.x, c * c.y, c * c.z);
-        (c, spin - c.cross(momentum), inertia - offset * mass)
-    };
-    let (_, before, _) = sums(&|s, i| (s.from[i].as_dvec3(), s.with[i].as_dvec3()));
-    let (middle, after, inertia) = sums(&|s, i| ((s.from[i] + s.velocity[i] * stage.length).as_dvec3(), s.velocity[i].as_dvec3()));
-    let turn = inertia.inverse() * (before / f64::from(1.0 + stage.drag) - after);
-    if !turn.is_finite() {
-        return;
-    }
-    for solver in movers.iter_mut().map(|m| &mut m.solver) {
-        for (v, from) in solver.velocity.iter_mut().zip(&solver.from) {
-            *v += turn.cross((*from + *v * stage.length).as_dvec3() - middle).as_vec3a();
-        }
-    }
-}
-
-/// Bodies that nothing holds fall freely, all together: what rounding makes of their momentum is taken off.
-fn fall_together(movers: &mut [Mover<'_>], step: Step, stage: Stage) {
-    let fall = Vec3A::from(step.gravity) * stage.length;
-    let off = match &*movers {
-        [only] => {
-            let drift = mean(only.body, &only.solver.with) + fall;
-            drift - mean(only.body, &only.solver.velocity)
-        }
-        all => {
-            let (mut gone, mut mass) = (DVec3::ZERO, 0.0);
-            for m in all.iter() {
-                let own: f64 = m.body.masses.iter().map(|m| f64::from(*m)).sum();
-                let change = mean(m.body, &m.solver.with) + fall - mean(m.body, &m.solver.velocity);
-                gone += change.as_dvec3() * own;
-                mass += own;
-            }
-            if mass > 0.0 { (gone / mass).as_vec3a() } else { Vec3A::ZERO }
-        }
-    };
-    for v in movers.iter_mut().flat_map(|m| &mut m.solver.velocity) {
-        *v += off;
-    }
-}
-
 impl Implicit {
     /// Sets a stage to begin where the substep does, and to be looked for where the velocities lead.
     fn begin(&mut self, state: &TissueState) {
@@ -504,35 +310,6 @@ impl Implicit {
     }
 }
 
-/// Whether bodies have more energy than they had before, and than their weight, contacts and springs to points that stand still have given them: nothing
-/// else gives them any.
-fn has_gained(movers: &[Mover<'_>], touches: &Touches, step: Step) -> bool {
-    let (mut had, mut has, mut work) = (0.0, 0.0, 0.0);
-    for m in movers {
-        let before = &m.solver.kept;
-        let energy = |state: &TissueState| {
-            let at = |m: &Membrane| m.energy(&state.positions.iter().map(|x| x.as_dvec3()).collect::<Vec<_>>());
-            m.body.kinetic_energy(state) + m.body.elastic_energy(state) + m.tissue().membrane.map_or(0.0, at)
-        };
-        let fallen = |(m, (x, b)): (&f32, (&Vec3, &Vec3))| f64::from(*m) * f64::from((*x - *b).dot(step.gravity));
-        let moved = m.state.positions.iter().zip(&before.positions);
-        let weight: f64 = m.body.masses.iter().zip(moved).filter(|(m, _)| **m > 0.0).map(fallen).sum();
-        // The mean force times the way, not a difference of energies: a load may be a soft spring to a point far away.
-        let pulled = |spring: &Spring| {
-            let at = |state: &TissueState| {
-                spring.point.iter().map(|(n, w)| state.positions[n.index()].as_dvec3() * f64::from(*w)).sum::<DVec3>()
-            };
-            let (from, to) = (at(before), at(m.state));
-            f64::from(spring.stiffness) * (spring.anchor.as_dvec3() - (from + to) / 2.0).dot(to - from)
-        };
-        work += weight + m.solver.newton.springs.iter().map(pulled).sum::<f64>();
-        had += energy(before);
-        has += energy(m.state);
-    }
-    work += touches.work(step.h);
-    has > had + work + GAIN * (had + work.abs())
-}
-
 /// The nodes that holds fix, and the velocities that take them to where they belong at the end of a substep, m/s.
 fn driven<'a>(
     holds: &'a [Hold],
@@ -568,14 +345,4 @@ fn attach(newton: &mut Newton, membrane: Option<&Membrane>, holds: &[Hold], step
 fn copy(to: &mut TissueState, from: &TissueState) {
     to.positions.clone_from(&from.positions);
     to.velocities.clone_from(&from.velocities);
-}
-
-/// Velocity of the centre of mass where the nodes have these velocities, m/s.
-fn mean(body: &Body, velocities: &[Vec3A]) -> Vec3A {
-    let (mut momentum, mut mass) = (DVec3::ZERO, 0.0);
-    for (m, v) in body.masses.iter().zip(velocities).filter(|(m, _)| **m > 0.0) {
-        momentum += v.as_dvec3() * f64::from(*m);
-        mass += f64::from(*m);
-    }
-    if mass > 0.0 { (momentum / mass).as_vec3a() } else { Vec3A::ZERO }
 }
