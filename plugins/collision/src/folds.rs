@@ -166,8 +166,10 @@ impl State {
             self.restless = !self.calm.holds(patch, positions);
             let all = 0..patch.tets.len() as u32;
             let near: SmallVec<[Placed; 256]> = if self.restless || !self.calm.watched.is_empty() {
+                // Many lie beside the patch: what is not in the box around it is in none of its tetrahedra.
                 let surface = patch.near.iter().filter(|n| shape.role(**n) == Role::Surface);
-                surface.map(|n| (positions[n.index()].into(), *n)).collect()
+                let placed = surface.map(|n| (Vec3A::from(positions[n.index()]), *n));
+                placed.filter(|(at, _)| (at.cmpge(self.low) & at.cmple(self.high)).all()).collect()
             } else {
                 SmallVec::new()
             };
