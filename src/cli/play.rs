@@ -39,7 +39,7 @@ pub struct PlayArgs {
     /// Begin at this time of the recording, s. Arrow keys, Home and End go to others.
     #[arg(long, value_name = "S", value_parser = moment, requires = "replay", allow_hyphen_values = true)]
     pub from: Option<f64>,
-    /// Close the window after this much simulated time, s.
+    /// Close the window after this much simulated time, s, and say how many frames were drawn and what they cost.
     #[arg(long, value_name = "S", value_parser = seconds, allow_hyphen_values = true)]
     pub seconds: Option<f64>,
     /// Save what the window shows in the end as a PNG.
@@ -241,6 +241,7 @@ fn close(
     mut requests: ResMut<PictureRequests>,
     pending: Res<PicturesPending>,
     mut exit: MessageWriter<AppExit>,
+    mut told: Local<bool>,
 ) {
     let now = || Spent { frames: frames.0, time_s: time.elapsed_secs_f64(), processor_s: processor_s() };
     if cost.ticks <= closing.from_tick {
@@ -250,8 +251,8 @@ fn close(
     if cost.ticks < closing.after_tick && !long_enough {
         return;
     }
-    if let Some(path) = closing.picture.take() {
-        requests.0.push(PictureRequest { path, of: PictureOf::Window });
+    if !std::mem::replace(&mut *told, true) {
+        requests.0.extend(closing.picture.take().map(|path| PictureRequest { path, of: PictureOf::Window }));
         if let Some(sentence) = now().sentence(&closing.begun) {
             say(&sentence);
         }
