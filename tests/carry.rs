@@ -5,7 +5,7 @@ use bevy::prelude::*;
 use keyhole::Theatre;
 use keyhole::simulation::{Output, Settings, faults, simulation};
 use keyhole_tissue::TissueReport;
-use keyhole_whiteboard::{Contacts, Obstacle, TissueState};
+use keyhole_whiteboard::{Contacts, Grasp, Obstacle, TissueState};
 
 /// A piece of 28 x 10 x 12 mm falls 20 mm onto a table; a grasper from above takes it by its sides, without crushing it.
 const SCENE: &str = r#"
@@ -67,8 +67,13 @@ fn a_loose_piece_lands_rests_and_is_carried_out() {
     std::fs::write(&file, SCENE).unwrap();
     let settings = Settings { output: Output::None, demonstration: true, ..Settings::default() };
     let mut app = simulation(Theatre::load(&file).unwrap(), settings);
+    let mut grasps: Vec<Grasp> = Vec::new();
     let mut run = |seconds: f64| {
-        (0..(seconds * 60.0) as u32).for_each(|_| app.update());
+        for _ in 0..(seconds * 60.0) as u32 {
+            app.update();
+            let world = app.world_mut();
+            grasps.push(*world.query::<&Grasp>().single(world).unwrap());
+        }
         look(&mut app)
     };
     let (lying, speed, lowest, carried) = run(1.0);
@@ -79,6 +84,11 @@ fn a_loose_piece_lands_rests_and_is_carried_out() {
     assert!(lowest > 0.02 && carried == 0);
     let (held, speed, ..) = run(0.5);
     assert!(held.distance(lifted) < 1e-3 && speed < 0.02, "it slips: {lifted} to {held}, {speed} m/s");
+    // From when the jaws are closed all that is between them presses on their pads: they, and not the jaws' steel, bear it.
+    let least = grasps[156..].iter().map(|g| g.points).min().unwrap();
+    let (low, high) = grasps[156..].iter().fold((f32::INFINITY, 0.0f32), |(low, high), g| (low.min(g.pinch_n), high.max(g.pinch_n)));
+    println!("at least {least} points hold, and press with {low} to {high} N");
+    assert!(least >= 10 && low > 1.0 && high < 3.0, "at least {least} points hold, and press with {low} to {high} N");
     assert_eq!(faults(), 0);
     assert!(app.world().resource::<TissueReport>().quarantined.is_empty());
 }

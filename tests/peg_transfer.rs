@@ -4,7 +4,7 @@
 use bevy::prelude::*;
 use keyhole::Theatre;
 use keyhole::simulation::{Output, Settings, TICKS_PER_SECOND, faults, simulation};
-use keyhole_whiteboard::{Contacts, Hand, Instrument, Obstacle, Organ, TissueState};
+use keyhole_whiteboard::{Anchor, Attachments, Contacts, Hand, Instrument, Obstacle, Organ, TissueState};
 use std::path::Path;
 
 /// Height of the pegs' ends, m.
@@ -18,7 +18,7 @@ struct Ring {
     speed: f32,
     /// Its lowest point, m.
     lowest: f32,
-    /// Whether the left and the right hand's jaws press it from opposite sides.
+    /// Whether the pads of the left and of the right hand's jaws are on it from both sides.
     held: [bool; 2],
     /// Whether anatomy pushes it.
     touches: bool,
@@ -29,14 +29,17 @@ fn look(app: &mut App, name: &str, peg: Vec2) -> (Ring, bool) {
     let world = app.world_mut();
     let hands: Vec<(Entity, Hand)> =
         world.query_filtered::<(Entity, &Hand), With<Instrument>>().iter(world).map(|(e, h)| (e, *h)).collect();
-    let mut organs = world.query::<(&Organ, &TissueState, &Contacts)>();
-    let (_, state, contacts) = organs.iter(world).find(|(organ, ..)| organ.name == name).unwrap();
+    let mut organs = world.query::<(&Organ, &TissueState, &Contacts, &Attachments)>();
+    let (_, state, contacts, attachments) = organs.iter(world).find(|(organ, ..)| organ.name == name).unwrap();
     let mean = |v: &[Vec3]| v.iter().sum::<Vec3>() / v.len() as f32;
     let pushing = contacts.0.iter().filter(|c| c.force_n != Vec3::ZERO);
     let by = |hand| {
-        let of_hand = |against: &Obstacle| matches!(against, Obstacle::Instrument(tool) if hands.contains(&(*tool, hand)));
-        let ways: Vec<Vec3> = pushing.clone().filter(|c| of_hand(&c.against)).map(|c| c.normal).collect();
-        ways.iter().any(|a| ways.iter().any(|b| a.dot(*b) < -0.5))
+        // The upper jaw is where Y is above zero in the instrument's frame.
+        let jaws = attachments.0.iter().filter_map(|a| match a.anchor {
+            Anchor::Tool { instrument, local } if hands.contains(&(instrument, hand)) => Some(local.y > 0.0),
+            Anchor::Tool { .. } | Anchor::Space(_) => None,
+        });
+        jaws.clone().any(|upper| upper) && jaws.clone().any(|upper| !upper)
     };
     let ring = Ring {
         middle: mean(&state.positions),

@@ -276,8 +276,8 @@ fn a_bite_near_the_edge_tears_out_when_it_is_pulled_and_one_farther_in_holds() {
         theatre.take_tail();
         let needle_end = theatre.tip(1);
         let (mut before, mut after) = (0.0f32, 0.0f32);
-        for step in 1..=240 {
-            let away = 0.03 * step as f32 / 240.0;
+        for step in 1..=320 {
+            let away = 0.04 * step as f32 / 320.0;
             theatre.put(0, Hold { tip: Vec3::new(-0.027, 0.0436, 0.0), roll_rad: 0.0, grip: 1.0 });
             theatre.carry(1, needle_end + away * Vec3::X, 1);
             let bites: Bites = theatre.get();

@@ -4,8 +4,10 @@ use crate::anatomy::SolidSurface;
 use crate::depth::{Depths, Penetration, neighbours};
 use crate::detect::{Body, Hit};
 use crate::fresh::{FreshCuts, NodeOf, PARTED};
+use crate::pad::Pad;
 use crate::shape::{Role, Shape};
 use crate::tool::{Motion, ToolPart};
+use crate::touch::Touch;
 use crate::walk::Deformed;
 use crate::within::push_out;
 use bevy_ecs::prelude::Entity;
@@ -168,13 +170,25 @@ pub fn with_anatomy(organ: &Party, anatomy: (Entity, &SolidSurface), friction: f
     }
 }
 
-/// A part of an instrument as contacts see it: of which, how it moves, and Coulomb's coefficient of its surface.
-pub type MovedPart<'a> = (Entity, &'a ToolPart, &'a Motion, f32);
+/// A part of an instrument as contacts see it.
+#[derive(Clone, Copy)]
+pub struct MovedPart<'a> {
+    /// The instrument.
+    pub tool: Entity,
+    /// Its part.
+    pub part: &'a ToolPart,
+    /// How the part moves.
+    pub motion: &'a Motion,
+    /// Coulomb's coefficient of its surface.
+    pub friction: f32,
+    /// Of a jaw that closes, the pad: what lies on it is no contact.
+    pub pad: Option<Pad>,
+}
 
 /// The contacts of an organ's surface with parts of instruments, one part after the other; see [`ToolPart::touch`]. The surface moves on over the tick as it
 /// does now. Gives the number of faces that were held against them, summed over the parts.
 pub fn with_tools(organ: &Party, parts: &[MovedPart], near_m: f32, contacts: &mut Vec<Contact>) -> usize {
-    let boxes: SmallVec<[(Vec3, Vec3); 8]> = parts.iter().map(|(_, part, motion, _)| part.swept_box(motion, near_m)).collect();
+    let boxes: SmallVec<[(Vec3, Vec3); 8]> = parts.iter().map(|p| p.part.swept_box(p.motion, near_m)).collect();
     let way = |node: NodeId, dt_s: f32| organ.velocities[node.index()] * dt_s;
     // A walk over the surface is longer than all that is near a tool.
     let mut near: Vec<(usize, [NodeId; 3])> = Vec::new();
@@ -183,8 +197,8 @@ pub fn with_tools(organ: &Party, parts: &[MovedPart], near_m: f32, contacts: &mu
         faces += parts.len();
         let [a, b, c] = nodes.map(|n| organ.positions[n.index()]);
         let (high, low) = (a.max(b).max(c), a.min(b).min(c));
-        for (at, ((lowest, highest), (_, _, motion, _))) in boxes.iter().zip(parts).enumerate() {
-            let [u, v, w] = nodes.map(|n| way(n, motion.dt_s));
+        for (at, ((lowest, highest), moved)) in boxes.iter().zip(parts).enumerate() {
+            let [u, v, w] = nodes.map(|n| way(n, moved.motion.dt_s));
             let (ahead, behind) = (u.max(v).max(w).max(Vec3::ZERO), u.min(v).min(w).min(Vec3::ZERO));
             let apart = (high + ahead).cmplt(*lowest).any() || (low + behind).cmpgt(*highest).any();
             if !apart && (a + b + c + u + v + w).is_finite() {
@@ -192,7 +206,7 @@ pub fn with_tools(organ: &Party, parts: &[MovedPart], near_m: f32, contacts: &mu
             }
         }
     }
-    for (at, (entity, part, motion, friction)) in parts.iter().enumerate() {
+    for (at, MovedPart { tool, part, motion, friction, pad }) in parts.iter().enumerate() {
         let swept = part.swept_bar(motion);
         for (_, nodes) in near.iter().filter(|(of, _)| *of == at) {
             let corners = nodes.map(|n| organ.positions[n.index()]);
@@ -201,6 +215,9 @@ pub fn with_tools(organ: &Party, parts: &[MovedPart], near_m: f32, contacts: &mu
                 continue;
             }
             let Some(touch) = part.touch(motion, corners, then, near_m) else { continue };
+            if pad.is_some_and(|pad| is_on_pad(&pad, motion, corners, &touch)) {
+                continue;
+            }
             contacts.push(Contact {
                 point: nodes.iter().copied().zip(touch.weights).collect(),
                 normal: touch.normal,
@@ -208,7 +225,7 @@ pub fn with_tools(organ: &Party, parts: &[MovedPart], near_m: f32, contacts: &mu
                 surface_m: touch.surface_m,
                 velocity_m_s: touch.velocity_m_s,
                 friction: friction_between(organ.friction, *friction),
-                against: Obstacle::Instrument(*entity),
+                against: Obstacle::Instrument(*tool),
                 force_n: Vec3::ZERO,
             });
         }
@@ -216,16 +233,17 @@ pub fn with_tools(organ: &Party, parts: &[MovedPart], near_m: f32, contacts: &mu
     faces
 }
 
+/// Whether what a jaw touches of a triangle (m) lies on the jaw's pad, as both are when the tick begins.
+fn is_on_pad(pad: &Pad, motion: &Motion, corners: [Vec3; 3], touch: &Touch) -> bool {
+    let into = motion.from.inverse();
+    let at = corners.iter().zip(touch.weights).map(|(c, w)| *c * w).sum::<Vec3>();
+    let outward = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+    pad.bears(into * at, into.rotation * outward, into.rotation * touch.normal)
+}
+
 /// The contacts of an organ with a part of an instrument whose middle is in it; see [`push_out`]. `hits` are those of the part's spine in the organ.
-pub fn with_tool_within(
-    organ: &Party,
-    tool: (Entity, &ToolPart, &Motion),
-    hits: &[Hit],
-    friction: f32,
-    last: &mut Option<Vec3>,
-    contacts: &mut Vec<Contact>,
-) {
-    let (entity, part, motion) = tool;
+pub fn with_tool_within(organ: &Party, moved: MovedPart, hits: &[Hit], last: &mut Option<Vec3>, contacts: &mut Vec<Contact>) {
+    let MovedPart { tool, part, motion, friction, .. } = moved;
     for sunk in push_out(part, motion, organ.deformed(), hits, last) {
         contacts.push(Contact {
             point: organ.topology.corners(sunk.hit.tet).into_iter().zip(sunk.hit.weights).collect(),
@@ -234,7 +252,7 @@ pub fn with_tool_within(
             surface_m: sunk.at + sunk.normal * sunk.depth_m,
             velocity_m_s: sunk.velocity_m_s,
             friction: friction_between(organ.friction, friction),
-            against: Obstacle::Instrument(entity),
+            against: Obstacle::Instrument(tool),
             force_n: Vec3::ZERO,
         });
     }

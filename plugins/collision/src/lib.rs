@@ -11,6 +11,7 @@ pub mod folds;
 pub mod fresh;
 pub mod inside;
 pub mod meet;
+pub mod pad;
 pub mod patches;
 pub mod plugin;
 pub mod rest;

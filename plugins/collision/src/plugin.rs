@@ -7,6 +7,7 @@ use crate::detect::{Body, Detector, Hit, mean_rest_edge_m};
 use crate::folds::Folds;
 use crate::fresh::FreshCuts;
 use crate::meet::{Meeting, part_against_part, part_against_surface};
+use crate::pad::Pad;
 use crate::rest::Rest;
 use crate::settings::{CollisionSettings, SelfCollision};
 use crate::shape::Shape;
@@ -16,8 +17,8 @@ use bevy_ecs::prelude::*;
 use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, Contact, Contacts, CuttingLine, FragmentDetached, FreedFrom, Instrument, InstrumentPose, Jaws, Joint, Obstacle, Port,
-    SceneCleared, SceneRequirements, StateOf, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts,
+    Blade, Contact, Contacts, CuttingLine, FragmentDetached, FreedFrom, Grasp, Instrument, InstrumentPose, JawPads, Jaws, Joint, Obstacle,
+    Port, SceneCleared, SceneRequirements, StateOf, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts,
     ToolModel, ToolTouch, ToolTouched, TopologyChanged,
 };
 use smallvec::SmallVec;
@@ -199,10 +200,25 @@ struct Moving<'a> {
     part: &'a ToolPart,
     motion: Motion,
     friction: f32,
+    pad: Option<Pad>,
     ways: &'a mut Vec<(Entity, Vec3)>,
     /// Its middle, as a body of points.
     middle: Body<'a>,
 }
+
+impl Moving<'_> {
+    fn moved(&self) -> MovedPart<'_> {
+        MovedPart { tool: self.tool, part: self.part, motion: &self.motion, friction: self.friction, pad: self.pad }
+    }
+
+    /// Whether a point of its middle is beside a pad that holds what is there.
+    fn is_padded(&self, point: usize) -> bool {
+        self.pad.is_some_and(|pad| self.part.spine().get(point).is_some_and(|at| pad.is_beside(*at)))
+    }
+}
+
+/// Its blade, and whether it has an edge.
+type Edge<'a> = (Option<&'a Blade>, Has<CuttingLine>);
 
 fn find_contacts(
     time: Res<Time<Fixed>>,
@@ -210,7 +226,7 @@ fn find_contacts(
     mut work: ResMut<Workspace>,
     mut report: ResMut<CollisionReport>,
     mut organs: Query<(Entity, &TissueMesh, Ref<TissueState>, &mut OrganShape, &mut Contacts, Option<&SurfaceFriction>)>,
-    mut tools: Query<(Entity, &InstrumentPose, &Jaws, &mut ToolParts, Option<&Blade>, Has<CuttingLine>, Option<&SurfaceFriction>)>,
+    mut tools: Query<(Entity, &InstrumentPose, &Jaws, &mut ToolParts, Edge, Option<(&JawPads, &Grasp)>, Option<&SurfaceFriction>)>,
     anatomy: Query<(Entity, &SolidAnatomy, Option<&SurfaceFriction>)>,
 ) {
     let dt_s = time.timestep().as_secs_f32();
@@ -270,17 +286,19 @@ fn find_contacts(
     let mut tools: Vec<_> = tools.iter_mut().collect();
     tools.sort_unstable_by_key(|t| t.0);
     let mut moving = Vec::new();
-    for (entity, pose, jaws, tool, blade, has_edge, friction) in &mut tools {
+    for (entity, pose, jaws, tool, (blade, has_edge), grasp, friction) in &mut tools {
+        let pads = grasp.filter(|(_, grasp)| grasp.grips()).map(|(pads, _)| *pads);
         let cutting = *has_edge && blade.is_some_and(|b| b.active);
         let friction = friction.map_or(settings.instrument_friction, |f| f.0);
         let angles = [tool.angle_rad, jaws.angle_rad];
         for part in tool.parts.iter_mut().filter(|p| !(p.cuts && cutting)) {
             let motion = part.motion(pose, angles, dt_s);
-            let MovingPart { part, middle, points, ways, .. } = part;
+            let MovingPart { part, joint, middle, points, ways, .. } = part;
+            let pad = pads.filter(|_| matches!(joint, Joint::Hinge { .. })).map(|pads| Pad::of(part, pads));
             middle.clear();
             middle.extend(part.spine().iter().map(|p| motion.from * *p));
             let middle = Body { shape: points, positions: middle, self_collision: false };
-            moving.push(Moving { tool: *entity, part, motion, friction, ways, middle });
+            moving.push(Moving { tool: *entity, part, motion, friction, pad, ways, middle });
         }
     }
     // The middles of tools are looked for in tissue like the nodes of other organs.
@@ -309,22 +327,23 @@ fn find_contacts(
             }
         }
         let meets = |m: &&Moving| rest.as_ref().is_none_or(|rest| rest.meets(m.part.swept_box(&m.motion, settings.tool_near_m)));
-        let near: SmallVec<[MovedPart; 8]> = moving.iter().filter(meets).map(|m| (m.tool, m.part, &m.motion, m.friction)).collect();
+        let near: SmallVec<[MovedPart; 8]> = moving.iter().filter(meets).map(Moving::moved).collect();
         if !near.is_empty() {
             report.faces += with_tools(party, &near, settings.tool_near_m, list) as u64;
         }
     }
-    for (at, Moving { tool, part, motion, friction, ways, .. }) in moving.iter_mut().enumerate() {
+    for (at, moving) in moving.iter_mut().enumerate() {
         let own = |h: &Hit| usize::from(h.node_body) == organs + at;
         let mine = &within[within.partition_point(|h| usize::from(h.node_body) < organs + at)..];
         let mine = &mine[..mine.partition_point(own)];
-        let before = std::mem::take(*ways);
+        let mine: SmallVec<[Hit; 16]> = mine.iter().filter(|h| !moving.is_padded(h.node.index())).copied().collect();
+        let before = std::mem::take(moving.ways);
         for hits in mine.chunk_by(|a, b| a.tet_body == b.tet_body) {
             let place = usize::from(hits[0].tet_body);
             let party = &parties[place];
             let mut way = before.iter().find(|(organ, _)| *organ == party.organ).map(|(_, way)| *way);
-            with_tool_within(party, (*tool, part, motion), hits, *friction, &mut way, contacts[place]);
-            ways.extend(way.map(|way| (party.organ, way)));
+            with_tool_within(party, moving.moved(), hits, &mut way, contacts[place]);
+            moving.ways.extend(way.map(|way| (party.organ, way)));
         }
     }
 }

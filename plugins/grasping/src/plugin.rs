@@ -35,8 +35,6 @@ impl Plugin for GraspingPlugin {
 struct Grip {
     /// Their angle from the shaft's axis, rad.
     angle_rad: f32,
-    /// Whether they take hold of what they touch: since they began to close, until they open.
-    takes: bool,
     /// Their angle when they first had hold from both sides, rad; zero before.
     touched_rad: f32,
     /// Cells that have bruised something since the jaws last held nothing.
@@ -110,12 +108,13 @@ fn grasp(
     for (instrument, pads, pose, jaws, mut grip, mut grasp) in tools {
         let (before_rad, now_rad) = (grip.angle_rad, jaws.angle_rad);
         grip.angle_rad = now_rad;
-        grip.takes = now_rad < before_rad || (grip.takes && now_rad <= before_rad);
-        if !grip.takes && grasp.points == 0 {
+        let takes = now_rad < before_rad || (grasp.takes && now_rad <= before_rad);
+        if !takes && grasp.points == 0 {
+            grasp.set_if_neq(Grasp::default());
             continue;
         }
         let compliance = CELLS as f32 / settings.stiffness_n_m;
-        let mut tally = Tally::default();
+        let mut tally = Tally { grasp: Grasp { takes, ..Grasp::default() }, ..Tally::default() };
         for (organ, mesh, state, attachments) in &mut organs {
             if attachments.0.iter().all(|a| tool_point(a, instrument).is_none()) {
                 continue;
@@ -134,7 +133,7 @@ fn grasp(
                 true
             });
         }
-        if grip.takes {
+        if takes {
             take_hold(instrument, &mut tally, pads, pose, now_rad, &settings, &mut organs);
         }
         tally.grasp.pinch_n /= 2.0;

@@ -18,7 +18,7 @@ pub struct JawPads {
     pub closed_gap_m: f32,
 }
 
-/// What the jaws hold now. Written by grasping; the angle read by instruments.
+/// What the jaws hold now. Written by grasping; the angle read by instruments, whether they grip by collision.
 #[derive(Component, Clone, Copy, Debug, Default, PartialEq)]
 pub struct Grasp {
     /// Points of the pads that hold tissue.
@@ -31,6 +31,16 @@ pub struct Grasp {
     pub sliding: u32,
     /// The tissue between the jaws lets them close no further than to this angle from the shaft's axis, rad; zero when nothing is between them.
     pub least_angle_rad: f32,
+    /// Whether the jaws take hold of what they touch: since they began to close, until they open.
+    pub takes: bool,
+}
+
+impl Grasp {
+    /// Whether what lies on the pads is held by them: collision leaves it alone.
+    #[must_use]
+    pub fn grips(&self) -> bool {
+        self.takes || self.points > 0
+    }
 }
 
 /// Pressure of a pad (Pa) beyond which it bruises an organ; an organ without it is as the settings of grasping say. Written by the scene.

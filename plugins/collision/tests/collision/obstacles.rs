@@ -4,7 +4,7 @@ use crate::meshes::{Thing, block};
 use bevy_ecs::prelude::*;
 use bevy_math::{Isometry3d, Quat, Vec3};
 use keyhole_collision::anatomy::{AnatomyError, SolidSurface};
-use keyhole_collision::contacts::{Party, with_anatomy, with_tools};
+use keyhole_collision::contacts::{MovedPart, Party, with_anatomy, with_tools};
 use keyhole_collision::mean_rest_edge_m;
 use keyhole_collision::tool::{Motion, ToolPart};
 use keyhole_whiteboard::{Contact, StaticSurface};
@@ -32,7 +32,7 @@ fn flap() -> Thing {
 fn touched(thing: &Thing, part: &ToolPart, motion: &Motion) -> Vec<Contact> {
     let velocities = vec![Vec3::ZERO; thing.positions.len()];
     let mut contacts = Vec::new();
-    with_tools(&party(thing, &velocities), &[(entity(), part, motion, 0.2)], 0.0005, &mut contacts);
+    with_tools(&party(thing, &velocities), &[MovedPart { tool: entity(), part, motion, friction: 0.2, pad: None }], 0.0005, &mut contacts);
     contacts
 }
 

@@ -6,9 +6,10 @@ use bevy_math::{Isometry3d, Quat, Vec3};
 use keyhole_collision::anatomy::SolidSurface;
 use keyhole_collision::contacts::{MovedPart, Party, with_tool_within, with_tools};
 use keyhole_collision::meet::{part_against_part, part_against_surface};
+use keyhole_collision::pad::Pad;
 use keyhole_collision::tool::{Motion, ToolPart};
 use keyhole_collision::{Body, Detector, Grading, Hit, Shape, mean_rest_edge_m};
-use keyhole_whiteboard::{Contact, StaticSurface};
+use keyhole_whiteboard::{Contact, JawPads, StaticSurface};
 use proptest::prelude::*;
 
 const DT: f32 = 1.0 / 60.0;
@@ -36,8 +37,13 @@ fn flap() -> Thing {
 fn touched(thing: &Thing, velocity: Vec3, part: &ToolPart, motion: &Motion) -> Vec<Contact> {
     let velocities = vec![velocity; thing.positions.len()];
     let mut contacts = Vec::new();
-    with_tools(&party(thing, &velocities), &[(World::new().spawn_empty().id(), part, motion, 0.2)], 0.0005, &mut contacts);
+    with_tools(&party(thing, &velocities), &[bare(part, motion)], 0.0005, &mut contacts);
     contacts
+}
+
+/// A part without a pad.
+fn bare<'a>(part: &'a ToolPart, motion: &'a Motion) -> MovedPart<'a> {
+    MovedPart { tool: World::new().spawn_empty().id(), part, motion, friction: 0.2, pad: None }
 }
 
 fn parts() -> [ToolPart; 2] {
@@ -70,7 +76,6 @@ proptest! {
         velocity in prop::array::uniform3(-2f32..2.0),
     ) {
         let flap = flap();
-        let entity = World::new().spawn_empty().id();
         let velocities = vec![Vec3::from_array(velocity); flap.positions.len()];
         let party = party(&flap, &velocities);
         let motion = |k: usize| {
@@ -79,7 +84,7 @@ proptest! {
             Motion { from, to, dt_s: DT }
         };
         let (parts, motions) = (parts(), [motion(0), motion(1)]);
-        let moved: Vec<MovedPart> = parts.iter().zip(&motions).map(|(p, m)| (entity, p, m, 0.2)).collect();
+        let moved: Vec<MovedPart> = parts.iter().zip(&motions).map(|(part, motion)| bare(part, motion)).collect();
         let mut contacts = Vec::new();
         let faces = with_tools(&party, &moved, 0.0005, &mut contacts);
         prop_assert_eq!(faces, 2 * flap.shape.triangles().count());
@@ -94,6 +99,35 @@ proptest! {
         let found: Vec<_> = contacts.iter().map(|c| ([0, 1, 2].map(|i| c.point[i].0), c.surface_m, c.normal)).collect();
         prop_assert_eq!(found, expected);
     }
+}
+
+/// A jaw that grips, its pad a little below the flap's upper face or its back a little above the lower one: what lies on the pad is the pad's, what the jaw's back pushes is not,
+/// nor what is beyond the rim, and before the jaws close all of it is pushed.
+#[test]
+fn what_lies_on_a_pad_is_left_to_it() {
+    let flap = flap();
+    let velocities = vec![Vec3::ZERO; flap.positions.len()];
+    let corners: Vec<Vec3> =
+        (0..8).map(|i| Vec3::new((i & 1) as f32 * 0.004 - 0.002, (i >> 1 & 1) as f32 * 0.002, (i >> 2) as f32 * -0.02)).collect();
+    let jaw = ToolPart::hull(&corners).unwrap();
+    let pads = JawPads { from_m: 0.003, to_m: 0.019, half_width_m: 0.002, closed_gap_m: 0.0003 };
+    let pad = Pad::of(&jaw, pads);
+    let touched = |y: f32, pad: Option<Pad>| {
+        let motion = Motion::still(Isometry3d::from_translation(Vec3::new(0.001, y, 0.012)), DT);
+        let mut contacts = Vec::new();
+        with_tools(&party(&flap, &velocities), &[MovedPart { pad, ..bare(&jaw, &motion) }], 0.0005, &mut contacts);
+        let at =
+            |c: &Contact| Vec3::from(motion.from.inverse() * c.point.iter().map(|(n, w)| *w * flap.positions[n.index()]).sum::<Vec3>());
+        contacts.iter().map(|c| (at(c), c.normal)).collect::<Vec<_>>()
+    };
+    let (bare_pad, gripping) = (touched(0.0025 - 0.0003, None), touched(0.0025 - 0.0003, Some(pad)));
+    assert!(bare_pad.iter().any(|(at, _)| pad.is_beside(*at)) && bare_pad.iter().all(|(_, normal)| normal.y < -0.9), "{bare_pad:?}");
+    assert!(gripping.iter().all(|(at, _)| !pad.is_beside(*at)), "{gripping:?}");
+    let beyond: Vec<_> = bare_pad.iter().filter(|(at, _)| !pad.is_beside(*at)).copied().collect();
+    assert_eq!(gripping, beyond);
+    let back = touched(-0.0025 - 0.002 + 0.0003, Some(pad));
+    assert!(back.iter().any(|(at, normal)| pad.is_beside(*at) && normal.y > 0.9), "{back:?}");
+    assert_eq!(back, touched(-0.0025 - 0.002 + 0.0003, None));
 }
 
 proptest! {
@@ -179,8 +213,8 @@ fn a_shaft_inside_pushes_the_tissue_the_shortest_way() {
     let hits = within(&thing, &shaft, &motion);
     let mut contacts = Vec::new();
     let mut last = None;
-    let tool = (World::new().spawn_empty().id(), &shaft, &motion);
-    with_tool_within(&party(&thing, &velocities), tool, &hits, 0.2, &mut last, &mut contacts);
+    let tool = bare(&shaft, &motion);
+    with_tool_within(&party(&thing, &velocities), tool, &hits, &mut last, &mut contacts);
     assert!(contacts.len() >= 20, "{} contacts along 60 mm", contacts.len());
     for c in &contacts {
         let x: Vec3 = c.point.iter().map(|(n, w)| *w * thing.positions[n.index()]).sum();
@@ -195,7 +229,7 @@ fn a_shaft_inside_pushes_the_tissue_the_shortest_way() {
     let hits = within(&thing, &shaft, &motion);
     for (mut last, way) in [(last, Vec3::Y), (None, -Vec3::Y)] {
         let mut contacts = Vec::new();
-        with_tool_within(&party(&thing, &velocities), (tool.0, &shaft, &motion), &hits, 0.2, &mut last, &mut contacts);
+        with_tool_within(&party(&thing, &velocities), bare(&shaft, &motion), &hits, &mut last, &mut contacts);
         assert!(!contacts.is_empty() && contacts.iter().all(|c| (c.normal + turn * way).length() < 1e-5));
     }
 }
@@ -216,8 +250,8 @@ fn tissue_comes_off_a_tool_that_is_inside() {
         for _ in 0..200 {
             let hits = within(&thing, part, &motion);
             let mut contacts = Vec::new();
-            let tool = (World::new().spawn_empty().id(), part, &motion);
-            with_tool_within(&party(&thing, &velocities), tool, &hits, 0.2, &mut last, &mut contacts);
+            let tool = bare(part, &motion);
+            with_tool_within(&party(&thing, &velocities), tool, &hits, &mut last, &mut contacts);
             if contacts.is_empty() {
                 break;
             }
