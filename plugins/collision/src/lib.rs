@@ -12,6 +12,7 @@ pub mod fresh;
 pub mod inside;
 pub mod meet;
 pub mod pad;
+mod parts;
 pub mod patches;
 pub mod plugin;
 pub mod rest;

@@ -7,7 +7,7 @@ use crate::detect::{Body, Detector, Hit, mean_rest_edge_m};
 use crate::folds::Folds;
 use crate::fresh::FreshCuts;
 use crate::meet::{Meeting, part_against_part, part_against_surface};
-use crate::pad::Pad;
+use crate::parts::{Moving, ToolParts};
 use crate::rest::Rest;
 use crate::settings::{CollisionSettings, SelfCollision};
 use crate::shape::Shape;
@@ -17,8 +17,8 @@ use bevy_ecs::prelude::*;
 use bevy_math::Vec3;
 use bevy_time::{Fixed, Time};
 use keyhole_whiteboard::{
-    Blade, Contact, Contacts, CuttingLine, FragmentDetached, FreedFrom, Grasp, Instrument, InstrumentPose, JawPads, Jaws, Joint, Obstacle,
-    Port, SceneCleared, SceneRequirements, StateOf, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts,
+    Blade, Contact, Contacts, CuttingLine, FragmentDetached, FreedFrom, Grasp, Instrument, InstrumentPose, JawPads, Jaws, Obstacle, Port,
+    SceneCleared, SceneRequirements, StateOf, StaticSurface, SurfaceFriction, TickSystems, TissueMesh, TissueState, ToolContacts,
     ToolModel, ToolTouch, ToolTouched, TopologyChanged,
 };
 use smallvec::SmallVec;
@@ -92,38 +92,6 @@ struct OrganShape {
     rest: Option<Rest>,
 }
 
-/// The parts of an instrument that touch tissue.
-#[derive(Component, Clone)]
-struct ToolParts {
-    parts: Vec<MovingPart>,
-    /// Angle of the jaws one tick ago, rad.
-    angle_rad: f32,
-}
-
-#[derive(Clone)]
-struct MovingPart {
-    part: ToolPart,
-    joint: Joint,
-    /// Whether tissue gives way to it by being cut, while the blade cuts.
-    cuts: bool,
-    /// By organ that its middle is in: the way out, in its frame.
-    ways: Vec<(Entity, Vec3)>,
-    /// Its middle when the tick begins, m.
-    middle: Vec<Vec3>,
-    points: Shape,
-}
-
-impl MovingPart {
-    fn new(part: ToolPart, joint: Joint, cuts: bool) -> Self {
-        let points = Shape::of_points(part.spine().len());
-        Self { part, joint, cuts, ways: Vec::new(), middle: Vec::new(), points }
-    }
-
-    fn motion(&self, pose: &InstrumentPose, angles_rad: [f32; 2], dt_s: f32) -> Motion {
-        Motion { from: pose.before * self.joint.at(angles_rad[0]), to: pose.now * self.joint.at(angles_rad[1]), dt_s }
-    }
-}
-
 /// Solid anatomy with its tree.
 #[derive(Component)]
 struct SolidAnatomy(SolidSurface);
@@ -167,7 +135,7 @@ fn prepare(
         commands.entity(organ).insert(OrganShape { shape, edge_m, cut, folds: None, rest: None });
     }
     for (tool, instrument, model, jaws) in &tools {
-        let parts = ToolParts { parts: tool_parts(instrument, model), angle_rad: jaws.angle_rad };
+        let parts = ToolParts::new(instrument, model, jaws.angle_rad);
         // One that was exchanged for another kind goes on counting what the hand touches.
         commands.entity(tool).insert(parts).insert_if_new(ToolContacts::default());
     }
@@ -179,41 +147,6 @@ fn prepare(
             }
             Err(error) => tracing::error!("anatomy {entity} is not solid, tissue passes through it: {error}"),
         }
-    }
-}
-
-/// The shaft as a capsule, and the hulls of what is ahead of it.
-fn tool_parts(instrument: &Instrument, model: &ToolModel) -> Vec<MovingPart> {
-    let radius = instrument.shaft_radius_m;
-    let shaft = ToolPart::capsule(Vec3::Z * radius, Vec3::Z * instrument.shaft_length_m, radius);
-    let ahead = model.parts.iter().filter_map(|p| {
-        let points: Vec<Vec3> = p.mesh.vertices.iter().map(|v| Vec3::from_array(*v)).collect();
-        // What lies along the shaft is in its capsule.
-        points.iter().any(|v| v.z < 0.0).then(|| ToolPart::hull(&points)).flatten().map(|part| MovingPart::new(part, p.joint, true))
-    });
-    std::iter::once(MovingPart::new(shaft, Joint::Fixed, false)).chain(ahead).collect()
-}
-
-/// A part of an instrument in a tick.
-struct Moving<'a> {
-    tool: Entity,
-    part: &'a ToolPart,
-    motion: Motion,
-    friction: f32,
-    pad: Option<Pad>,
-    ways: &'a mut Vec<(Entity, Vec3)>,
-    /// Its middle, as a body of points.
-    middle: Body<'a>,
-}
-
-impl Moving<'_> {
-    fn moved(&self) -> MovedPart<'_> {
-        MovedPart { tool: self.tool, part: self.part, motion: &self.motion, friction: self.friction, pad: self.pad }
-    }
-
-    /// Whether a point of its middle is beside a pad that holds what is there.
-    fn is_padded(&self, point: usize) -> bool {
-        self.pad.is_some_and(|pad| self.part.spine().get(point).is_some_and(|at| pad.is_beside(*at)))
     }
 }
 
@@ -293,12 +226,7 @@ fn find_contacts(
         let angles = [tool.angle_rad, jaws.angle_rad];
         for part in tool.parts.iter_mut().filter(|p| !(p.cuts && cutting)) {
             let motion = part.motion(pose, angles, dt_s);
-            let MovingPart { part, joint, middle, points, ways, .. } = part;
-            let pad = pads.filter(|_| matches!(joint, Joint::Hinge { .. })).map(|pads| Pad::of(part, pads));
-            middle.clear();
-            middle.extend(part.spine().iter().map(|p| motion.from * *p));
-            let middle = Body { shape: points, positions: middle, self_collision: false };
-            moving.push(Moving { tool: *entity, part, motion, friction, pad, ways, middle });
+            moving.push(part.in_tick(*entity, motion, friction, pads));
         }
     }
     // The middles of tools are looked for in tissue like the nodes of other organs.
