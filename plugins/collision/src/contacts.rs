@@ -181,7 +181,7 @@ pub struct MovedPart<'a> {
     pub motion: &'a Motion,
     /// Coulomb's coefficient of its surface.
     pub friction: f32,
-    /// Of a jaw that closes, the pad: what lies on it is no contact.
+    /// Of a jaw that grips, the pad: what lies on it is no contact.
     pub pad: Option<Pad>,
 }
 

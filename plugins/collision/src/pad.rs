@@ -1,4 +1,4 @@
-//! The pads of jaws that close. What is between them is held by the pads, by their friction and as hard as they press; a contact of the jaw's own steel would take the
+//! The pads of jaws that grip. What is between them is held by the pads, by their friction and as hard as they press; a contact of the jaw's own steel would take the
 //! pressure off them.
 
 use crate::tool::ToolPart;

@@ -41,7 +41,8 @@ impl MovingPart {
     pub(crate) fn motion(&self, pose: &InstrumentPose, angles_rad: [f32; 2], dt_s: f32) -> Motion {
         Motion { from: pose.before * self.joint.at(angles_rad[0]), to: pose.now * self.joint.at(angles_rad[1]), dt_s }
     }
-    /// It in this tick, with what is between its jaws' pads left to them where they grip.
+
+    /// It in this tick; `pads` of jaws that grip, to which what lies on them is left.
     pub(crate) fn in_tick(&mut self, tool: Entity, motion: Motion, friction: f32, pads: Option<JawPads>) -> Moving<'_> {
         let Self { part, joint, middle, points, ways, .. } = self;
         let pad = pads.filter(|_| matches!(joint, Joint::Hinge { .. })).map(|pads| Pad::of(part, pads));
