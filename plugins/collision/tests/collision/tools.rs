@@ -116,8 +116,7 @@ fn what_lies_on_a_pad_is_left_to_it() {
         let motion = Motion::still(Isometry3d::from_translation(Vec3::new(0.001, y, 0.012)), DT);
         let mut contacts = Vec::new();
         with_tools(&party(&flap, &velocities), &[MovedPart { pad, ..bare(&jaw, &motion) }], 0.0005, &mut contacts);
-        let at =
-            |c: &Contact| Vec3::from(motion.from.inverse() * c.point.iter().map(|(n, w)| *w * flap.positions[n.index()]).sum::<Vec3>());
+        let at = |c: &Contact| motion.from.inverse() * c.point.iter().map(|(n, w)| *w * flap.positions[n.index()]).sum::<Vec3>();
         contacts.iter().map(|c| (at(c), c.normal)).collect::<Vec<_>>()
     };
     let (bare_pad, gripping) = (touched(0.0025 - 0.0003, None), touched(0.0025 - 0.0003, Some(pad)));
